@@ -1,0 +1,52 @@
+/// Stage 6 of 9, carve: projected mesh and labels -> single-layer mesh, carved on request.
+///
+/// Keeps a triangle when at least two of its corners have label 1, then removes what is left of
+/// non-manifold edges, splits non-manifold vertices, drops small parts and fills short loops.
+/// With `carve` on, the surface is cut along the isoline of the distance to the visual mesh's
+/// projection (section 5.1), so that separate parts can move freely.
+///
+/// Postconditions: manifold with boundary, consistently oriented, no unused vertex.
+#ifndef PROXYCLOTH_CARVE_H
+#define PROXYCLOTH_CARVE_H
+
+#include "proxycloth/label.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct pc_carve_options {
+    bool carve;            ///< cut along the visual mesh's outline (section 5.1)
+    double carve_distance; ///< epsilon_carved, in voxels
+    double smallest_part;  ///< parts below this fraction of the largest part's area are dropped
+    uint32_t fill_loops;   ///< boundary loops of at most this many edges are filled
+} pc_carve_options;
+
+typedef struct pc_carve_report {
+    uint64_t vertices;
+    uint64_t triangles;
+    uint64_t components;
+    uint64_t boundary_loops;
+    uint64_t dropped_parts;
+    uint64_t filled_loops;
+    uint64_t carved_triangles;
+    double coverage; ///< share of the visual mesh's vertices within 2 voxels of the layer
+} pc_carve_report;
+
+extern const pc_record pc_carve_options_record;
+extern const pc_record pc_carve_report_record;
+
+/// @param[in]  surface       the visual mesh.
+/// @param[in]  projected     closed manifold mesh, one label per vertex.
+/// @param[out] single_layer  zeroed on entry.
+/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_OPTIONS; PC_ERROR_NO_PROXY (no
+///         triangle is left); PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
+PC_NODISCARD pc_status pc_carve(pc_context *context, const pc_mesh *surface,
+                                const pc_mesh *projected, const pc_labels *labels, double cell_size,
+                                const pc_carve_options *options, pc_mesh *single_layer,
+                                pc_carve_report *report);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,107 @@
+/// Plain data that stages exchange: triangle meshes, the visual mesh, and frames of a moving mesh.
+///
+/// Arrays are row-major and tightly packed, "#V by 3" means 3 consecutive values per vertex. The
+/// caller declares a zeroed struct, the library fills it, the matching free function releases it
+/// and zeroes it again (twice is harmless).
+#ifndef PROXYCLOTH_MESH_H
+#define PROXYCLOTH_MESH_H
+
+#include "proxycloth/base.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/// A triangle mesh. Front faces are counter-clockwise.
+typedef struct pc_mesh {
+    size_t vertex_count;
+    double *positions; ///< #V by 3, in the unit of the input
+    size_t triangle_count;
+    uint32_t *triangles; ///< #F by 3, each < vertex_count
+} pc_mesh;
+
+void pc_mesh_free(pc_context *context, pc_mesh *mesh);
+
+/// Positions of a mesh over time: what drives the visual mesh.
+typedef struct pc_motion {
+    size_t frame_count;
+    size_t vertex_count;
+    double *positions; ///< #frames by #V by 3, absolute, in the unit of the input
+    double frame_time; ///< seconds from one frame to the next
+    uint8_t *pinned;   ///< #V, 1 where the vertex is held fixed
+} pc_motion;
+
+void pc_motion_free(pc_context *context, pc_motion *motion);
+
+/// Look of a part of the visual mesh (metallic-roughness model of glTF 2.0, factors only).
+typedef struct pc_material {
+    char name[64];
+    float base_color[4]; ///< linear RGBA, 0..1
+    float metallic;      ///< 0..1
+    float roughness;     ///< 0..1
+    bool double_sided;
+} pc_material;
+
+/// The visual mesh: its welded surface, on which every stage works, and its appearance.
+///
+/// Files split a vertex where texture coordinates or normals differ. Here `surface` holds every
+/// position once, and a *corner vertex* (split vertex) refers to its position by index, so weights
+/// computed on the surface never tear a seam.
+typedef struct pc_visual {
+    pc_mesh surface;            ///< vertices with distinct positions; all triangles of the input
+    size_t corner_count;        ///< split vertices, as many as the file had
+    uint32_t *corner_vertices;  ///< #C, vertex of `surface` at this split vertex
+    uint32_t *corner_triangles; ///< #F by 3, split vertices of each triangle, same order as surface
+    float *normals;             ///< #C by 3, unit, or NULL
+    float *texcoords;           ///< #C by 2, origin top left as in glTF, or NULL
+    float *colors;              ///< #C by 4, linear RGBA, or NULL
+    uint32_t *triangle_materials; ///< #F, each < material_count
+    size_t material_count;        ///< at least 1
+    pc_material *materials;
+} pc_visual;
+
+void pc_visual_free(pc_context *context, pc_visual *visual);
+
+/// Arrays of a caller, read and never kept. Pointers other than the first two may be NULL.
+typedef struct pc_visual_arrays {
+    size_t vertex_count;     ///< split vertices
+    const double *positions; ///< #vertices by 3
+    size_t triangle_count;
+    const uint32_t *triangles;          ///< #triangles by 3
+    const float *normals;               ///< #vertices by 3
+    const float *texcoords;             ///< #vertices by 2
+    const float *colors;                ///< #vertices by 4
+    const uint32_t *triangle_materials; ///< #triangles; NULL: all 0
+    size_t material_count;              ///< 0: one white material
+    const pc_material *materials;
+} pc_visual_arrays;
+
+/// What was noticed about the input; everything counted here is accepted.
+typedef struct pc_visual_report {
+    uint64_t vertices;             ///< distinct positions that a triangle uses
+    uint64_t triangles;            ///< all, including the degenerate ones
+    uint64_t degenerate_triangles; ///< repeated vertex or no area
+    uint64_t duplicate_triangles;  ///< same three positions as an earlier triangle
+    uint64_t stray_vertices;       ///< used by no triangle
+    uint64_t nonmanifold_edges;    ///< edges of more than two distinct triangles
+    uint64_t winding_conflicts;    ///< edges that two triangles run in the same direction
+    uint64_t components;           ///< parts connected by shared positions
+    double diagonal;               ///< of the bounding box
+} pc_visual_report;
+
+/// Builds the visual mesh from plain arrays: checks, welds equal positions, counts defects.
+/// Degenerate and duplicate triangles stay in the mesh (the artist's asset comes out as it went
+/// in).
+/// @param[out] visual  zeroed on entry.
+/// @param[out] report  may be NULL.
+/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (NULL, output not empty); PC_ERROR_INVALID_MESH (no
+///         triangle, index out of range, position NaN, infinite or beyond 1e30, all positions
+///         collinear or no triangle with area); PC_ERROR_TOO_LARGE (2^31 elements);
+///         PC_ERROR_OUT_OF_MEMORY.
+PC_NODISCARD pc_status pc_visual_create(pc_context *context, const pc_visual_arrays *arrays,
+                                        pc_visual *visual, pc_visual_report *report);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,59 @@
+/// Stage 7 of 9, simplify: single-layer mesh -> proxy mesh with exactly N_p vertices.
+///
+/// Clusters the vertices into a centroidal Voronoi diagram (section 3.4, Valette and Chassery
+/// 2004), one proxy vertex per cluster, one proxy triangle where three clusters meet; then removes
+/// non-manifold triangles and splits non-manifold vertices. Meshes that are too coarse are
+/// subdivided first.
+///
+/// Postconditions: manifold with boundary, consistently oriented, no degenerate triangle, no unused
+/// vertex. `shortfall` says why the count is not N_p where topology does not allow it.
+#ifndef PROXYCLOTH_SIMPLIFY_H
+#define PROXYCLOTH_SIMPLIFY_H
+
+#include "proxycloth/mesh.h"
+#include "proxycloth/options.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/// Why the proxy has another number of vertices than asked for.
+typedef enum pc_simplify_shortfall {
+    PC_SHORTFALL_NONE = 0,
+    PC_SHORTFALL_TOPOLOGY = 1, ///< repairs needed more or left fewer vertices
+    PC_SHORTFALL_BUDGET = 2    ///< the parts need more vertices than N_p to be surfaces
+} pc_simplify_shortfall;
+
+typedef struct pc_simplify_options {
+    uint32_t vertices;              ///< N_p
+    uint32_t clustering_iterations; ///< passes of boundary exchanges
+    uint32_t seed;
+} pc_simplify_options;
+
+typedef struct pc_simplify_report {
+    uint64_t vertices;
+    uint64_t triangles;
+    uint64_t components;
+    uint64_t boundary_loops;
+    uint64_t removed_triangles; ///< by the manifold repair
+    uint64_t split_vertices;
+    uint64_t iterations;
+    uint32_t shortfall; ///< pc_simplify_shortfall
+} pc_simplify_report;
+
+extern const pc_record pc_simplify_options_record;
+extern const pc_record pc_simplify_report_record;
+
+/// @param[in]  surface       the visual mesh, to which proxy vertices may be drawn.
+/// @param[in]  single_layer  manifold with boundary.
+/// @param[out] proxy         zeroed on entry.
+/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_OPTIONS; PC_ERROR_NO_PROXY (no
+///         triangle survives); PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
+PC_NODISCARD pc_status pc_simplify(pc_context *context, const pc_mesh *surface,
+                                   const pc_mesh *single_layer, const pc_simplify_options *options,
+                                   pc_mesh *proxy, pc_simplify_report *report);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,96 @@
+/// Stage 9 of 9, skin: visual mesh, proxy mesh and its motion -> skinning weights.
+///
+/// Each visual vertex follows its nearest proxy vertices by translation-only linear blend skinning,
+///   v_i(t) = v_i(0) + sum_j w_ij (p_j(t) - p_j(0)),                                  equation (6)
+/// with w >= 0 and sum_j w_ij = 1. The weights minimise lambda_r L_r + lambda_c L_c + lambda_a L_a
+/// (equations (7) to (10)) over the frames: as-rigid-as-possible over the 1-ring, the same over
+/// spatial neighbours against collisions, and attachment of neighbouring parts. The surrogate
+/// w = |s| / sum |s| is optimised with AdamW.
+///
+/// Postconditions: weights >= 0, each row sums to 1 within 1e-12, rows sorted by falling weight.
+#ifndef PROXYCLOTH_SKIN_H
+#define PROXYCLOTH_SKIN_H
+
+#include "proxycloth/mesh.h"
+#include "proxycloth/options.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/// Skinning weights.
+typedef struct pc_skin {
+    size_t vertex_count; ///< visual vertices
+    uint32_t influences; ///< K, slots per vertex
+    uint32_t *bones;     ///< #V by K, proxy vertices; unused slots repeat the first bone
+    double *weights;     ///< #V by K, unused slots are 0
+} pc_skin;
+
+void pc_skin_free(pc_context *context, pc_skin *skin);
+
+typedef struct pc_skin_options {
+    uint32_t influences;      ///< K of the result
+    uint32_t candidates;      ///< k_B, proxy vertices considered per visual vertex
+    uint32_t neighbours;      ///< k_K, spatial neighbours of L_c and L_a
+    double lambda_rigid;      ///< lambda_r
+    double lambda_collision;  ///< lambda_c
+    double lambda_attachment; ///< lambda_a
+    uint32_t epochs;          ///< passes over all frames
+    uint32_t batch;           ///< frames per step
+    double learning_rate;
+    double weight_decay;
+    uint32_t seed;
+} pc_skin_options;
+
+typedef struct pc_skin_report {
+    double loss_before; ///< lambda-weighted, normalised per frame and scale
+    double loss_after;
+    double rigid_before, rigid_after;           ///< L_r, normalised
+    double collision_before, collision_after;   ///< L_c, normalised
+    double attachment_before, attachment_after; ///< L_a, normalised
+    double full_loss;     ///< loss_after with all candidates, before the cut to K
+    uint64_t reflections; ///< vertex-frames with det(S) < 0 at the end
+    uint64_t bones_used;  ///< proxy vertices with any weight
+} pc_skin_report;
+
+extern const pc_record pc_skin_options_record;
+extern const pc_record pc_skin_report_record;
+
+/// @param[in]  surface  the visual mesh.
+/// @param[in]  proxy    rest pose of the driving mesh.
+/// @param[in]  motion   its frames.
+/// @param[out] skin     zeroed on entry.
+/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_OPTIONS; PC_ERROR_NUMERICAL;
+///         PC_ERROR_OUT_OF_MEMORY; PC_ERROR_CANCELLED.
+PC_NODISCARD pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface,
+                                        const pc_mesh *proxy, const pc_motion *motion,
+                                        const pc_skin_options *options, pc_skin *skin,
+                                        pc_skin_report *report);
+
+/// Baseline: each vertex follows the closest point of the proxy by its barycentric coordinates.
+PC_NODISCARD pc_status pc_skin_closest_triangle(pc_context *context, const pc_mesh *surface,
+                                                const pc_mesh *proxy, pc_skin *skin);
+
+/// Losses of equation (7) for given weights, sums over frames and vertices without normalisation.
+typedef struct pc_skin_losses {
+    double rigid, collision, attachment;                ///< L_r, L_c, L_a
+    double rigid_norm, collision_norm, attachment_norm; ///< divide by these and by the frame count
+} pc_skin_losses;
+
+/// Evaluates any weights on any motion, in double.
+PC_NODISCARD pc_status pc_skin_evaluate(pc_context *context, const pc_mesh *surface,
+                                        const pc_mesh *proxy, const pc_motion *motion,
+                                        const pc_skin *skin, const pc_skin_options *options,
+                                        pc_skin_losses *losses);
+
+/// Equation (6) for one frame: frames of a driving mesh in, detailed mesh out.
+/// @param[in]  rest   #V by 3, visual vertices at rest.
+/// @param[in]  proxy_rest, proxy_frame  #P by 3.
+/// @param[out] output #V by 3; may be `rest`.
+void pc_skin_deform(const pc_skin *skin, const double *rest, const double *proxy_rest,
+                    const double *proxy_frame, double *output);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,59 @@
+/// Stage 1 of 9, voxelize: visual mesh -> samples of its unsigned distance field (UDF).
+///
+/// The field is sampled on a lattice with spacing D/N_v (section 3.1), D being the longest side of
+/// the bounding box. Only samples near the surface are kept, so memory and time grow with its area
+/// (about N_v^2), not with N_v^3. Distances are exact: candidates come from Embree point queries,
+/// the point-triangle distance is computed in double, then stored in float.
+///
+/// Postconditions: `samples` ascend strictly; every lattice point closer than `band` is present;
+/// the outermost lattice layer is farther than `band` from the surface.
+#ifndef PROXYCLOTH_VOXELIZE_H
+#define PROXYCLOTH_VOXELIZE_H
+
+#include "proxycloth/mesh.h"
+#include "proxycloth/options.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/// A scalar field on the lattice points near a surface.
+typedef struct pc_grid {
+    double origin[3]; ///< position of lattice point (0, 0, 0)
+    double cell_size; ///< D/N_v
+    uint32_t size[3]; ///< lattice points along each axis
+    double band;      ///< every lattice point closer than this is a sample
+    size_t sample_count;
+    uint64_t *samples; ///< x + size[0] * (y + size[1] * z), strictly ascending
+    float *values;     ///< distance to the surface at each sample
+} pc_grid;
+
+void pc_grid_free(pc_context *context, pc_grid *grid);
+
+typedef struct pc_voxelize_options {
+    uint32_t voxels; ///< N_v, cells along the longest side of the bounding box
+} pc_voxelize_options;
+
+typedef struct pc_voxelize_report {
+    double cell_size;
+    uint64_t samples;
+    uint64_t queries; ///< exact distances computed, including those that only pruned space
+} pc_voxelize_report;
+
+extern const pc_record pc_voxelize_options_record;
+extern const pc_record pc_voxelize_report_record;
+
+/// @param[in]  surface  triangles of the visual mesh; degenerate ones count as segments or points.
+/// @param[in]  options  NULL for the defaults.
+/// @param[out] grid     zeroed on entry.
+/// @param[out] report   may be NULL.
+/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_OPTIONS; PC_ERROR_TOO_LARGE;
+///         PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY (Embree); PC_ERROR_CANCELLED.
+PC_NODISCARD pc_status pc_voxelize(pc_context *context, const pc_mesh *surface,
+                                   const pc_voxelize_options *options, pc_grid *grid,
+                                   pc_voxelize_report *report);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,45 @@
+// Closest points and rays on a triangle mesh. Embree proposes candidates in float, every decision
+// is made here in double, ties go to the smaller triangle index, so results do not depend on
+// Embree's instruction set. Queries are thread-safe and allocate nothing.
+#ifndef PCI_BVH_H
+#define PCI_BVH_H
+
+#include "core/core.h"
+#include "proxycloth/mesh.h"
+
+typedef struct pci_bvh pci_bvh;
+
+// The mesh must stay alive and unchanged. Degenerate triangles count as segments or points.
+PC_NODISCARD pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *mesh,
+                                      pci_bvh **bvh);
+void pci_bvh_destroy(pc_context *context, pci_bvh *bvh); // NULL is accepted
+
+typedef struct pci_closest {
+    uint32_t triangle; // PC_INVALID_INDEX: nothing within the radius
+    double point[3];
+    double barycentric[3];
+    double distance;
+} pci_closest;
+
+// The closest point of the mesh within `radius` (INFINITY allowed).
+pci_closest pci_bvh_closest(const pci_bvh *bvh, const double point[3], double radius);
+
+typedef struct pci_hit {
+    uint32_t triangle; // PC_INVALID_INDEX: no hit
+    double distance;   // along the direction, in units of its length
+    double barycentric[3];
+    bool back_face; // the ray leaves through the front, direction . normal > 0
+} pci_hit;
+
+// Whether a hit counts. Called from the querying thread.
+typedef bool (*pci_hit_filter)(void *user, const pci_hit *hit);
+
+// First accepted hit with near <= distance <= far. `filter` may be NULL.
+pci_hit pci_bvh_cast(const pci_bvh *bvh, const double origin[3], const double direction[3],
+                     double near, double far, pci_hit_filter filter, void *user);
+
+// Closest point of one triangle, exact in double; also for degenerate triangles.
+double pci_triangle_squared_distance(const double point[3], const double a[3], const double b[3],
+                                     const double c[3], double barycentric[3]);
+
+#endif

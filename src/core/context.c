@@ -1,0 +1,111 @@
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "core/context.h"
+#include "proxycloth/version.h"
+
+#define PCI_STATUS_TEXT(name, value, text)                                                         \
+    case PC_##name:                                                                                \
+        return text;
+
+const char *pc_status_text(pc_status status) {
+    switch (status) { PC_STATUS_LIST(PCI_STATUS_TEXT) }
+    return "unknown status";
+}
+
+const char *pc_version(void) { return PC_VERSION_STRING; }
+
+static void *default_allocate(void *user, size_t size) {
+    (void)user;
+    return malloc(size);
+}
+
+static void default_release(void *user, void *memory) {
+    (void)user;
+    free(memory);
+}
+
+pc_status pc_context_create(const pc_context_options *options, pc_context **context) {
+    if (context == NULL) {
+        return PC_ERROR_INVALID_ARGUMENT;
+    }
+    *context = NULL;
+    pc_context_options chosen = {0};
+    if (options != NULL) {
+        chosen = *options;
+    }
+    if (chosen.threads > 256 ||
+        (chosen.allocator.allocate == NULL) != (chosen.allocator.release == NULL)) {
+        return PC_ERROR_INVALID_ARGUMENT;
+    }
+    if (chosen.allocator.allocate == NULL) {
+        chosen.allocator.allocate = default_allocate;
+        chosen.allocator.release = default_release;
+    }
+    pc_context *created = chosen.allocator.allocate(chosen.allocator.user, sizeof(*created));
+    if (created == NULL) {
+        return PC_ERROR_OUT_OF_MEMORY;
+    }
+    memset(created, 0, sizeof(*created));
+    created->options = chosen;
+    created->error.stage = "";
+    created->pool = pci_pool_create(created, chosen.threads);
+    if (created->pool == NULL) {
+        chosen.allocator.release(chosen.allocator.user, created);
+        return PC_ERROR_OUT_OF_MEMORY;
+    }
+    *context = created;
+    return PC_OK;
+}
+
+void pc_context_destroy(pc_context *context) {
+    if (context == NULL) {
+        return;
+    }
+    pci_pool_destroy(context, context->pool);
+    const pc_allocator allocator = context->options.allocator;
+    allocator.release(allocator.user, context);
+}
+
+const pc_error *pc_context_error(const pc_context *context) { return &context->error; }
+
+uint32_t pc_context_threads(const pc_context *context) { return pci_pool_threads(context->pool); }
+
+pc_status pci_fail(pc_context *context, pc_status status, const char *stage, const char *format,
+                   ...) {
+    context->error.status = status;
+    context->error.stage = stage;
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(context->error.message, sizeof(context->error.message), format, arguments);
+    va_end(arguments);
+    return status;
+}
+
+pc_status pci_fail_memory(pc_context *context, const char *stage) {
+    return pci_fail(context, PC_ERROR_OUT_OF_MEMORY, stage, "%s: memory ran out", stage);
+}
+
+pc_status pci_fail_cancelled(pc_context *context, const char *stage) {
+    return pci_fail(context, PC_ERROR_CANCELLED, stage, "%s: cancelled", stage);
+}
+
+void pci_log(pc_context *context, pc_log_level level, const char *stage, const char *format, ...) {
+    if (context->options.log == NULL) {
+        return;
+    }
+    char message[512];
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(message, sizeof(message), format, arguments);
+    va_end(arguments);
+    context->options.log(context->options.user, level, stage, message);
+}
+
+bool pci_progress(pc_context *context, const char *stage, double fraction) {
+    if (context->options.progress == NULL) {
+        return true;
+    }
+    return context->options.progress(context->options.user, stage, fraction);
+}

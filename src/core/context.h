@@ -1,0 +1,21 @@
+// Inside of pc_context; for core only.
+#ifndef PCI_CONTEXT_H
+#define PCI_CONTEXT_H
+
+#include "core/core.h"
+
+typedef struct pci_pool pci_pool;
+
+struct pc_context {
+    pc_context_options options;
+    pc_error error;
+    pci_pool *pool;
+};
+
+// Worker threads that wait for pci_parallel_for; `threads` 0 means one per core. Where threads
+// cannot be started the pool has fewer. NULL: out of memory.
+pci_pool *pci_pool_create(pc_context *context, uint32_t threads);
+void pci_pool_destroy(pc_context *context, pci_pool *pool);
+uint32_t pci_pool_threads(const pci_pool *pool);
+
+#endif

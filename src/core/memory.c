@@ -1,0 +1,79 @@
+#include "core/context.h"
+
+void *pci_allocate(pc_context *context, size_t count, size_t size) {
+    if (size != 0 && count > (SIZE_MAX / 2) / size) {
+        return NULL;
+    }
+    const size_t bytes = count * size;
+    const pc_allocator *allocator = &context->options.allocator;
+    void *memory = allocator->allocate(allocator->user, bytes != 0 ? bytes : 1);
+    if (memory != NULL) {
+        memset(memory, 0, bytes);
+    }
+    return memory;
+}
+
+void pc_release(pc_context *context, void *memory) {
+    if (memory != NULL) {
+        context->options.allocator.release(context->options.allocator.user, memory);
+    }
+}
+
+// Header in front of each piece of scratch memory; 64 bytes keep the pieces aligned for SIMD when
+// the allocator aligns to 64, and to max_align_t always.
+struct pci_scratch_block {
+    struct pci_scratch_block *next;
+    char padding[64 - sizeof(struct pci_scratch_block *)];
+};
+
+pci_scratch pci_scratch_begin(pc_context *context) {
+    const pci_scratch scratch = {.context = context};
+    return scratch;
+}
+
+void pci_scratch_end(pci_scratch *scratch) {
+    struct pci_scratch_block *block = scratch->blocks;
+    while (block != NULL) {
+        struct pci_scratch_block *next = block->next;
+        pc_release(scratch->context, block);
+        block = next;
+    }
+    scratch->blocks = NULL;
+}
+
+void *pci_scratch_allocate(pci_scratch *scratch, size_t count, size_t size) {
+    const size_t header = sizeof(struct pci_scratch_block);
+    if (scratch->failed || (size != 0 && count > (SIZE_MAX / 2 - header) / size)) {
+        scratch->failed = true;
+        return NULL;
+    }
+    struct pci_scratch_block *block = pci_allocate(scratch->context, header + count * size, 1);
+    if (block == NULL) {
+        scratch->failed = true;
+        return NULL;
+    }
+    block->next = scratch->blocks;
+    scratch->blocks = block;
+    return (char *)block + header;
+}
+
+bool pci_scratch_reserve(pci_scratch *scratch, void **array, size_t *capacity, size_t needed,
+                         size_t element_size) {
+    if (needed <= *capacity) {
+        return true;
+    }
+    size_t grown = *capacity < 16 ? 16 : *capacity * 2;
+    if (grown < needed) {
+        grown = needed;
+    }
+    void *memory = pci_scratch_allocate(scratch, grown, element_size);
+    if (memory == NULL) {
+        return false;
+    }
+    if (*capacity != 0) {
+        memcpy(memory, *array, *capacity * element_size);
+    }
+    *array = memory;
+    *capacity = grown;
+    return true;
+}

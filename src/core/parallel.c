@@ -1,0 +1,139 @@
+#define _POSIX_C_SOURCE 200809L
+#include <pthread.h>
+#include <stdatomic.h>
+#include <unistd.h>
+
+#include "core/context.h"
+
+// One job at a time: workers sleep until `generation` changes, then take pieces from `next_piece`.
+struct pci_pool {
+    uint32_t thread_count; // including the caller
+    uint32_t started;
+    pthread_mutex_t mutex;
+    pthread_cond_t wake;
+    pthread_cond_t done;
+    uint64_t generation;
+    uint32_t running;
+    bool quit;
+    size_t count, grain;
+    pci_parallel_body body;
+    void *user;
+    atomic_size_t next_piece;
+    struct pci_worker {
+        pci_pool *pool;
+        uint32_t index;
+        pthread_t thread;
+    } * workers;
+};
+
+static void run_pieces(pci_pool *pool, uint32_t worker) {
+    const size_t pieces = (pool->count + pool->grain - 1) / pool->grain;
+    for (;;) {
+        const size_t piece = atomic_fetch_add(&pool->next_piece, 1);
+        if (piece >= pieces) {
+            return;
+        }
+        const size_t begin = piece * pool->grain;
+        const size_t end = pool->count - begin < pool->grain ? pool->count : begin + pool->grain;
+        pool->body(pool->user, begin, end, worker);
+    }
+}
+
+static void *worker_main(void *argument) {
+    struct pci_worker *worker = argument;
+    pci_pool *pool = worker->pool;
+    uint64_t seen = 0;
+    pthread_mutex_lock(&pool->mutex);
+    for (;;) {
+        while (!pool->quit && pool->generation == seen) {
+            pthread_cond_wait(&pool->wake, &pool->mutex);
+        }
+        if (pool->quit) {
+            break;
+        }
+        seen = pool->generation;
+        pthread_mutex_unlock(&pool->mutex);
+        run_pieces(pool, worker->index);
+        pthread_mutex_lock(&pool->mutex);
+        if (--pool->running == 0) {
+            pthread_cond_signal(&pool->done);
+        }
+    }
+    pthread_mutex_unlock(&pool->mutex);
+    return NULL;
+}
+
+pci_pool *pci_pool_create(pc_context *context, uint32_t threads) {
+    if (threads == 0) {
+        const long cores = sysconf(_SC_NPROCESSORS_ONLN);
+        threads = cores < 1 ? 1 : cores > 256 ? 256 : (uint32_t)cores;
+    }
+    pci_pool *pool = PCI_ALLOCATE(context, pci_pool, 1);
+    if (pool == NULL) {
+        return NULL;
+    }
+    pool->workers = PCI_ALLOCATE(context, struct pci_worker, threads);
+    if (pool->workers == NULL) {
+        pc_release(context, pool);
+        return NULL;
+    }
+    pthread_mutex_init(&pool->mutex, NULL);
+    pthread_cond_init(&pool->wake, NULL);
+    pthread_cond_init(&pool->done, NULL);
+    for (uint32_t i = 0; i + 1 < threads; ++i) {
+        struct pci_worker *worker = &pool->workers[i];
+        worker->pool = pool;
+        worker->index = i + 1;
+        if (pthread_create(&worker->thread, NULL, worker_main, worker) != 0) {
+            break;
+        }
+        ++pool->started;
+    }
+    pool->thread_count = pool->started + 1;
+    return pool;
+}
+
+void pci_pool_destroy(pc_context *context, pci_pool *pool) {
+    pthread_mutex_lock(&pool->mutex);
+    pool->quit = true;
+    pthread_cond_broadcast(&pool->wake);
+    pthread_mutex_unlock(&pool->mutex);
+    for (uint32_t i = 0; i < pool->started; ++i) {
+        pthread_join(pool->workers[i].thread, NULL);
+    }
+    pthread_cond_destroy(&pool->done);
+    pthread_cond_destroy(&pool->wake);
+    pthread_mutex_destroy(&pool->mutex);
+    pc_release(context, pool->workers);
+    pc_release(context, pool);
+}
+
+uint32_t pci_pool_threads(const pci_pool *pool) { return pool->thread_count; }
+
+void pci_parallel_for(pc_context *context, size_t count, size_t grain, pci_parallel_body body,
+                      void *user) {
+    if (count == 0) {
+        return;
+    }
+    pci_pool *pool = context->pool;
+    pool->count = count;
+    pool->grain = grain == 0 ? 1 : grain;
+    pool->body = body;
+    pool->user = user;
+    atomic_store(&pool->next_piece, 0);
+    if (pool->started == 0 || count <= pool->grain) {
+        run_pieces(pool, 0);
+        return;
+    }
+    pthread_mutex_lock(&pool->mutex);
+    pool->running = pool->started;
+    ++pool->generation;
+    pthread_cond_broadcast(&pool->wake);
+    pthread_mutex_unlock(&pool->mutex);
+    run_pieces(pool, 0);
+    pthread_mutex_lock(&pool->mutex);
+    while (pool->running != 0) {
+        pthread_cond_wait(&pool->done, &pool->mutex);
+    }
+    pthread_mutex_unlock(&pool->mutex);
+}

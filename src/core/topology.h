@@ -1,0 +1,53 @@
+// Connectivity of a triangle mesh; arrays live in the scratch memory that was passed in.
+#ifndef PCI_TOPOLOGY_H
+#define PCI_TOPOLOGY_H
+
+#include "core/core.h"
+#include "proxycloth/mesh.h"
+
+typedef struct pci_topology {
+    size_t edge_count;
+    uint32_t *edges;                 // #E by 2, first < second, ascending
+    uint32_t *triangle_edges;        // #F by 3, edge from corner c to corner c + 1
+    size_t *edge_triangle_offsets;   // #E + 1
+    uint32_t *edge_triangles;        // triangles of edge e, ascending
+    size_t *vertex_triangle_offsets; // #V + 1
+    uint32_t *vertex_triangles;      // triangles of vertex v, ascending
+    size_t *ring_offsets;            // #V + 1
+    uint32_t *ring;                  // vertices joined to v by an edge, ascending
+} pci_topology;
+
+// Triangles with a repeated vertex contribute their proper edges only. False: out of memory.
+bool pci_topology_build(pci_scratch *scratch, const pc_mesh *mesh, pci_topology *topology);
+
+// Labels the connected components (shared edges) of triangles: component per triangle, #F. Returns
+// their number. Components are numbered by their first triangle.
+size_t pci_triangle_components(pci_scratch *scratch, const pc_mesh *mesh,
+                               const pci_topology *topology, uint32_t *component);
+
+// Boundary loops: chains of edges with one triangle, followed along the triangle fans so that a
+// vertex where two loops touch does not join them. Fills `loop_offsets` (#loops + 1) and
+// `loop_vertices` with memory from scratch. Needs consistent orientation and manifold edges; edges
+// with more than two triangles are skipped.
+bool pci_boundary_loops(pci_scratch *scratch, const pc_mesh *mesh, const pci_topology *topology,
+                        size_t *loop_count, size_t **loop_offsets, uint32_t **loop_vertices);
+
+size_t pci_nonmanifold_edge_count(const pci_topology *topology);
+// Vertices whose triangles form more than one fan.
+size_t pci_nonmanifold_vertex_count(pci_scratch *scratch, const pc_mesh *mesh,
+                                    const pci_topology *topology);
+
+// Copies a mesh, keeping only marked triangles (NULL: all) and the vertices they use, in order.
+// `kept_vertices` (may be NULL) receives the old index of each new vertex, from scratch. The result
+// belongs to the caller (pc_mesh_free).
+bool pci_mesh_compact(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *keep,
+                      pc_mesh *result, uint32_t **kept_vertices);
+
+// Area-weighted vertex normals, #V by 3, unit (or zero where undefined).
+void pci_vertex_normals(const pc_mesh *mesh, double *normals);
+
+double pci_triangle_area(const pc_mesh *mesh, size_t triangle);
+void pci_bounding_box(const pc_mesh *mesh, double minimum[3], double maximum[3]);
+double pci_diagonal(const pc_mesh *mesh);
+
+#endif

@@ -11,7 +11,7 @@ static const char stage[] = "evaluate";
 #define SAMPLE_COUNT       4096 // of the doubled area: standard error below .8 %
 #define DOUBLED_REACH      2.0  // voxels of D / 32, the paper's resolution
 #define DOUBLED_COSINE     0.8  // layers whose normals differ by less than 37 degrees
-#define DISTANCE_TOLERANCE 1e-3 // of the diagonal
+#define DISTANCE_TOLERANCE 1e-4 // of the diagonal
 
 #define COUNT(member, help)           PCI_FIELD_REPORT(pc_measures, member, COUNT, "", help)
 #define NUMBER(member, unit, help)    PCI_FIELD_REPORT(pc_measures, member, DOUBLE, unit, help)

@@ -6,6 +6,8 @@
 // number of threads.
 #include "core/hausdorff.h"
 
+#define RELATIVE_TOLERANCE 1e-4
+
 typedef struct probe {
     double point[3];
     double distance;
@@ -147,7 +149,8 @@ pc_status pci_directed_hausdorff(pc_context *context, const char *stage, const p
     pci_parallel_for(context, triangle_count, 256, bound_roots, &s);
     piece *parents = s.roots, *spare = NULL;
     size_t parent_capacity = triangle_count, spare_capacity = 0;
-    size_t count = keep_beyond(parents, triangle_count, lower * 1.001 + tolerance);
+    size_t count =
+        keep_beyond(parents, triangle_count, lower * (1.0 + RELATIVE_TOLERANCE) + tolerance);
 
     while (count > 0) {
         if (!pci_scratch_reserve(&scratch, (void **)&spare, &spare_capacity, 4 * count,
@@ -163,7 +166,7 @@ pc_status pci_directed_hausdorff(pc_context *context, const char *stage, const p
                 lower = fmax(lower, spare[i].corner[c].distance);
             }
         }
-        count = keep_beyond(spare, 4 * count, lower * 1.001 + tolerance);
+        count = keep_beyond(spare, 4 * count, lower * (1.0 + RELATIVE_TOLERANCE) + tolerance);
         piece *swap = parents;
         const size_t swap_capacity = parent_capacity;
         parents = spare, parent_capacity = spare_capacity;

@@ -5,7 +5,7 @@
 #include "core/bvh.h"
 
 // Directed Hausdorff distance max over p in `from` of the distance to `to`. The result is attained
-// by a point of `from` and below the true maximum by at most `tolerance` plus a thousandth of
+// by a point of `from` and below the true maximum by at most `tolerance` plus 1e-4 of
 // itself. Only vertices that a triangle uses count.
 // @return PC_OK; PC_ERROR_OUT_OF_MEMORY.
 PC_NODISCARD pc_status pci_directed_hausdorff(pc_context *context, const char *stage,

@@ -1,7 +1,7 @@
 #include <stdlib.h>
 
 #include "core/sparse.h"
-#include "support/test.h"
+#include "support/shapes.h"
 
 // A sparse symmetric matrix in memory of its own.
 typedef struct matrix {
@@ -238,37 +238,13 @@ static void handles_no_unknowns_and_sizes_beyond_int(void **state) {
     pc_context_destroy(context);
 }
 
-// Memory that runs out at the n-th request.
-typedef struct budget {
-    size_t left;
-    size_t live;
-} budget;
-
-static void *budget_allocate(void *user, size_t size) {
-    budget *b = user;
-    if (b->left == 0) {
-        return NULL;
-    }
-    --b->left;
-    ++b->live;
-    return malloc(size);
-}
-
-static void budget_release(void *user, void *memory) {
-    --((budget *)user)->live;
-    free(memory);
-}
-
 static void survives_memory_failure(void **state) {
     (void)state;
     matrix m = torus(5, 5);
     bool done = false;
     for (size_t allowed = 0; !done; ++allowed) {
-        budget limit = {.left = SIZE_MAX};
-        const pc_context_options options = {.threads = 1,
-                                            .allocator = {budget_allocate, budget_release, &limit}};
-        pc_context *context = NULL;
-        assert_int_equal(pc_context_create(&options, &context), PC_OK);
+        budget limit = {0};
+        pc_context *context = budget_context(&limit);
         const size_t before = limit.live;
         limit.left = allowed;
         double x[75] = {1.0};

@@ -199,24 +199,28 @@ static double edge_length(const pci_halfedge *mesh, uint32_t h) {
                                      &mesh->positions[3 * (size_t)pci_target(mesh, h)]));
 }
 
-// Halves edges that may cross the outline until they are shorter than half the threshold. The
-// distance changes by at most the length of the way, so shorter edges cannot hide a crossing that
-// matters.
+// Halves the longest edge of each triangle that may touch the outline until it is shorter than half
+// the threshold: the distance hardly changes faster than the way, so shorter edges cannot hide a
+// crossing that matters.
 static bool refine_outline(outline *o, double threshold) {
-    bool changed = true;
-    while (changed) {
+    const pci_halfedge *mesh = &o->mesh;
+    for (bool changed = true; changed;) {
         changed = false;
-        const uint32_t half_edges = (uint32_t)(3 * o->mesh.triangle_count);
-        for (uint32_t h = 0; h < half_edges; ++h) {
-            if (!pci_is_edge(&o->mesh, h)) {
-                continue;
+        for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
+            double longest = 0.0, nearest = INFINITY, farthest = 0.0;
+            uint32_t edge = 3 * t;
+            for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
+                const double length = edge_length(mesh, h);
+                if (length > longest) {
+                    longest = length;
+                    edge = h;
+                }
+                nearest = fmin(nearest, o->distances[pci_origin(mesh, h)]);
+                farthest = fmax(farthest, o->distances[pci_origin(mesh, h)]);
             }
-            const double length = edge_length(&o->mesh, h);
-            const double a = o->distances[pci_origin(&o->mesh, h)];
-            const double b = o->distances[pci_target(&o->mesh, h)];
-            const bool reaches = fmax(a, b) + 0.5 * length > threshold;
-            if (length > 0.5 * threshold && reaches && fmin(a, b) < threshold) {
-                if (!split_measured(o, h, 0.5, NULL)) {
+            if (longest > 0.5 * threshold && nearest < threshold &&
+                farthest + 0.5 * longest > threshold) {
+                if (!split_measured(o, edge, 0.5, NULL)) {
                     return false;
                 }
                 changed = true;

@@ -6,7 +6,7 @@
 #include "core/manifold.h"
 #include "core/topology.h"
 #include "stages/clustering.h"
-#include "stages/relax.h"
+#include "stages/fit.h"
 
 static const char *const shortfall_choices[] = {"none", "topology", "budget", NULL};
 static const pc_field option_fields[] = {
@@ -49,6 +49,8 @@ const pc_record pc_simplify_report_record = PCI_RECORD(report_fields, pc_simplif
 static const size_t samples_per_cluster = 16;
 // Passes of sliding and flipping; most meshes rest earlier.
 static const size_t relax_passes = 30;
+// Passes of fitting.
+static const size_t fit_passes = 10;
 
 // What has been merged into each vertex of the coarse mesh.
 typedef struct merging {
@@ -325,25 +327,34 @@ static bool drop_unaffordable(pci_scratch *scratch, pc_mesh *layer, size_t verti
     }
 }
 
-static bool relax(pci_scratch *scratch, const pci_halfedge *fine, pci_halfedge *coarse,
-                  const uint32_t *kept, const uint32_t *fine_feet) {
-    double *normals = PCI_SCRATCH(scratch, double, 3 * fine->vertex_count);
-    uint32_t *feet = PCI_SCRATCH(scratch, uint32_t, coarse->vertex_count);
-    uint8_t *fixed = PCI_SCRATCH(scratch, uint8_t, coarse->vertex_count);
-    if (scratch->failed) {
+// Evens out the coarse mesh on the fine one, then fits its triangles to it.
+static bool relax_and_fit(merging *m, pci_halfedge *coarse, const uint32_t *kept,
+                          const uint32_t *fine_feet) {
+    const pci_halfedge *fine = m->fine;
+    double *normals = PCI_SCRATCH(m->scratch, double, 3 * fine->vertex_count);
+    uint32_t *feet = PCI_SCRATCH(m->scratch, uint32_t, coarse->vertex_count);
+    uint32_t *number = PCI_SCRATCH(m->scratch, uint32_t, fine->vertex_count);
+    if (m->scratch->failed) {
         return false;
     }
     const pc_mesh fine_mesh = {fine->vertex_count, fine->positions, fine->triangle_count,
                                fine->corners};
     pci_vertex_normals(&fine_mesh, normals);
-    for (size_t v = 0; v < coarse->vertex_count; ++v) {
+    for (uint32_t v = 0; v < coarse->vertex_count; ++v) {
         feet[v] = fine_feet[kept[v]];
+        number[kept[v]] = v;
     }
-    pci_relaxation relaxation = {fine, normals, coarse, feet, fixed};
+    for (uint32_t v = 0; v < fine->vertex_count; ++v) {
+        m->parent[v] = find_root(m->parent, v);
+    }
+    for (uint32_t v = 0; v < fine->vertex_count; ++v) {
+        m->parent[v] = number[m->parent[v]];
+    }
+    pci_relaxation relaxation = {fine, normals, coarse, feet};
     pci_relax_place(&relaxation);
     for (size_t pass = 0; pass < relax_passes && pci_relax_pass(&relaxation) > 0; ++pass) {
     }
-    return true;
+    return pci_fit(m->scratch, &relaxation, m->parent, m->areas, m->spacing, fit_passes);
 }
 
 static pc_status measure(pci_scratch *scratch, const pc_mesh *mesh, size_t wanted,
@@ -405,8 +416,7 @@ static pc_status simplify(pci_scratch *scratch, pc_mesh *layer, const pc_simplif
     report->surplus_vertices = m.coarse.live_vertices - options->vertices;
     if (!reduce(&m, options->vertices) || !place_vertices(&m, feet) ||
         !pci_halfedge_export(&m.coarse, proxy, &kept) ||
-        !pci_halfedge_build(scratch, proxy, &coarse) ||
-        !relax(scratch, &fine, &coarse, kept, feet)) {
+        !pci_halfedge_build(scratch, proxy, &coarse) || !relax_and_fit(&m, &coarse, kept, feet)) {
         return pci_fail_memory(context, "simplify");
     }
     memcpy(proxy->positions, coarse.positions, 3 * proxy->vertex_count * sizeof(double));

@@ -1,0 +1,15 @@
+// Moves the vertices of a coarse mesh so that its triangles, not only its vertices, approximate the
+// fine surface, with weight on the largest deviations.
+#ifndef PCI_FIT_H
+#define PCI_FIT_H
+
+#include "stages/relax.h"
+
+// @param nearby   per fine vertex, a coarse vertex near it
+// @param weights  per fine vertex
+// @param spacing  edge length that is expected; bounds the steps
+// False: out of memory.
+bool pci_fit(pci_scratch *scratch, pci_relaxation *relaxation, const uint32_t *nearby,
+             const double *weights, double spacing, size_t passes);
+
+#endif

@@ -4,12 +4,13 @@
 
 enum { grain = 512 };
 
-// Each fine vertex is a sample that holds on to its nearest coarse triangle.
+// Each fine vertex is a sample that holds on to the nearest coarse triangle or, if it lies on the
+// border, to the nearest coarse border edge: hems are fitted to hems, from inside and outside.
 typedef struct fitting {
     pci_relaxation *relaxation;
-    const double *weights;
-    uint32_t *triangles; // per sample
-    double *barycentric; // per sample, 3
+    const double *areas, *arcs;
+    uint32_t *elements;  // per sample, triangle or border half-edge
+    double *barycentric; // per sample, 3; of a border edge origin, target, 0
     double *residuals;   // per sample, 3: from the coarse triangle to the sample
     double *squared;     // per sample, squared length of the residual
     double *pulls;       // per coarse vertex, 3: weighted sum of residuals
@@ -41,33 +42,79 @@ static bool try_fan(const fitting *f, uint32_t v, const double point[3], double 
     return better;
 }
 
-// Walks from each sample's triangle to the nearest one around. Never jumps to another sheet.
-static void find_triangles(void *user, size_t begin, size_t end, uint32_t worker) {
+static double border_distance(const fitting *f, uint32_t h, const double point[3], double bary[3]) {
+    const pci_halfedge *coarse = f->relaxation->coarse;
+    const double *a = &coarse->positions[3 * (size_t)pci_origin(coarse, h)];
+    const double *b = &coarse->positions[3 * (size_t)pci_target(coarse, h)];
+    return pci_triangle_squared_distance(point, a, b, b, bary);
+}
+
+// Walks along the border to the nearest edge.
+static uint32_t nearest_border(const fitting *f, uint32_t h, const double point[3]) {
+    const pci_halfedge *coarse = f->relaxation->coarse;
+    double bary[3], best = border_distance(f, h, point, bary);
+    for (bool moved = true; moved;) {
+        const uint32_t sides[2] = {coarse->outgoing[pci_target(coarse, h)],
+                                   pci_border_incoming(coarse, pci_origin(coarse, h))};
+        moved = false;
+        for (size_t i = 0; i < 2; ++i) {
+            const double distance = border_distance(f, sides[i], point, bary);
+            if (distance < best) {
+                best = distance;
+                h = sides[i];
+                moved = true;
+            }
+        }
+    }
+    return h;
+}
+
+// Walks over the triangles to the nearest one.
+static uint32_t nearest_triangle(const fitting *f, uint32_t triangle, const double point[3]) {
+    double bary[3], best = triangle_distance(f, triangle, point, bary);
+    for (bool moved = true; moved;) {
+        const uint32_t *corner = &f->relaxation->coarse->corners[3 * (size_t)triangle];
+        moved = false;
+        for (size_t c = 0; c < 3; ++c) {
+            moved |= try_fan(f, corner[c], point, &best, &triangle);
+        }
+    }
+    return triangle;
+}
+
+// The three coarse vertices that carry sample s, their shares in f->barycentric.
+static void sample_vertices(const fitting *f, size_t s, uint32_t vertices[3]) {
+    const pci_halfedge *coarse = f->relaxation->coarse;
+    if (f->arcs[s] > 0.0) {
+        vertices[0] = pci_origin(coarse, f->elements[s]);
+        vertices[1] = vertices[2] = pci_target(coarse, f->elements[s]);
+    } else {
+        memcpy(vertices, &coarse->corners[3 * (size_t)f->elements[s]], sizeof(uint32_t[3]));
+    }
+}
+
+// Brings the samples up to date. They walk, so they never jump to another sheet.
+static void find_residuals(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     fitting *f = user;
     const pci_halfedge *coarse = f->relaxation->coarse;
     for (size_t s = begin; s < end; ++s) {
         const double *point = &f->relaxation->fine->positions[3 * s];
         double *bary = &f->barycentric[3 * s];
-        uint32_t triangle = f->triangles[s];
-        double best = triangle_distance(f, triangle, point, bary);
-        for (bool moved = true; moved;) {
-            moved = false;
-            const uint32_t from = triangle;
-            for (size_t c = 0; c < 3; ++c) {
-                moved |= try_fan(f, coarse->corners[3 * (size_t)from + c], point, &best, &triangle);
-            }
+        if (f->arcs[s] > 0.0) {
+            f->elements[s] = nearest_border(f, f->elements[s], point);
+            f->squared[s] = border_distance(f, f->elements[s], point, bary);
+        } else {
+            f->elements[s] = nearest_triangle(f, f->elements[s], point);
+            f->squared[s] = triangle_distance(f, f->elements[s], point, bary);
         }
-        f->triangles[s] = triangle;
-        f->squared[s] = triangle_distance(f, triangle, point, bary);
+        uint32_t vertices[3];
+        sample_vertices(f, s, vertices);
         for (size_t k = 0; k < 3; ++k) {
-            double nearest = 0.0;
+            f->residuals[3 * s + k] = point[k];
             for (size_t c = 0; c < 3; ++c) {
-                nearest +=
-                    bary[c] *
-                    coarse->positions[3 * (size_t)coarse->corners[3 * (size_t)triangle + c] + k];
+                f->residuals[3 * s + k] -= bary[c] * coarse->positions[3 * (size_t)vertices[c] + k];
             }
-            f->residuals[3 * s + k] = point[k] - nearest;
         }
     }
 }
@@ -79,9 +126,16 @@ static void sum_pulls(fitting *f) {
     memset(f->pulls, 0, 3 * coarse->vertex_count * sizeof(*f->pulls));
     memset(f->pull_weights, 0, coarse->vertex_count * sizeof(*f->pull_weights));
     for (size_t s = 0; s < f->relaxation->fine->vertex_count; ++s) {
+        uint32_t vertices[3];
+        sample_vertices(f, s, vertices);
+        const bool on_border = f->arcs[s] > 0.0;
         for (size_t c = 0; c < 3; ++c) {
-            const size_t v = coarse->corners[3 * (size_t)f->triangles[s] + c];
-            const double w = f->weights[s] * f->squared[s] * f->barycentric[3 * s + c];
+            const size_t v = vertices[c];
+            if (!on_border && pci_is_border_vertex(coarse, (uint32_t)v)) {
+                continue; // a hem follows the hem only
+            }
+            const double w =
+                (on_border ? f->arcs[s] : f->areas[s]) * f->squared[s] * f->barycentric[3 * s + c];
             f->pull_weights[v] += w;
             for (size_t k = 0; k < 3; ++k) {
                 f->pulls[3 * v + k] += w * f->residuals[3 * s + k];
@@ -162,11 +216,11 @@ static void move_vertex(const fitting *f, uint32_t v, double spacing) {
 }
 
 bool pci_fit(pci_scratch *scratch, pci_relaxation *relaxation, const uint32_t *nearby,
-             const double *weights, double spacing, size_t passes) {
+             const double *areas, const double *arcs, double spacing, size_t passes) {
     const size_t samples = relaxation->fine->vertex_count;
     const pci_halfedge *coarse = relaxation->coarse;
-    fitting f = {.relaxation = relaxation, .weights = weights};
-    f.triangles = PCI_SCRATCH(scratch, uint32_t, samples);
+    fitting f = {.relaxation = relaxation, .areas = areas, .arcs = arcs};
+    f.elements = PCI_SCRATCH(scratch, uint32_t, samples);
     f.barycentric = PCI_SCRATCH(scratch, double, 3 * samples);
     f.residuals = PCI_SCRATCH(scratch, double, 3 * samples);
     f.squared = PCI_SCRATCH(scratch, double, samples);
@@ -175,14 +229,18 @@ bool pci_fit(pci_scratch *scratch, pci_relaxation *relaxation, const uint32_t *n
     if (scratch->failed) {
         return false;
     }
-    for (size_t s = 0; s < samples; ++s) {
-        f.triangles[s] = coarse->outgoing[nearby[s]] / 3;
-    }
     for (size_t pass = 0; pass < passes; ++pass) {
-        pci_parallel_for(scratch->context, samples, grain, find_triangles, &f);
+        // Flips renumber triangles and half-edges: start again from the vertices.
+        for (size_t s = 0; s < samples; ++s) {
+            const uint32_t h = coarse->outgoing[nearby[s]];
+            f.elements[s] = arcs[s] > 0.0 ? h : h / 3;
+        }
+        pci_parallel_for(scratch->context, samples, grain, find_residuals, &f);
         sum_pulls(&f);
         for (uint32_t v = 0; v < coarse->vertex_count; ++v) {
-            move_vertex(&f, v, spacing);
+            if (!relaxation->pinned[v]) {
+                move_vertex(&f, v, spacing);
+            }
         }
         pci_relax_flip(relaxation);
     }

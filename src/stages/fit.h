@@ -6,10 +6,11 @@
 #include "stages/relax.h"
 
 // @param nearby   per fine vertex, a coarse vertex near it
-// @param weights  per fine vertex
+// @param areas    per fine vertex, its share of the surface
+// @param arcs     per fine vertex, its share of the border, 0 inside
 // @param spacing  edge length that is expected; bounds the steps
 // False: out of memory.
 bool pci_fit(pci_scratch *scratch, pci_relaxation *relaxation, const uint32_t *nearby,
-             const double *weights, double spacing, size_t passes);
+             const double *areas, const double *arcs, double spacing, size_t passes);
 
 #endif

@@ -244,7 +244,7 @@ size_t pci_relax_flip(pci_relaxation *r) {
 size_t pci_relax_pass(pci_relaxation *r) {
     size_t changes = pci_relax_flip(r);
     for (uint32_t v = 0; v < r->coarse->vertex_count; ++v) {
-        changes += slide(r, v);
+        changes += !r->pinned[v] && slide(r, v);
     }
     return changes;
 }

@@ -11,7 +11,8 @@ typedef struct pci_relaxation {
     const pci_halfedge *fine;
     const double *fine_normals; // #V by 3, unit
     pci_halfedge *coarse;
-    uint32_t *feet; // per coarse vertex
+    uint32_t *feet;  // per coarse vertex
+    uint8_t *pinned; // per coarse vertex, 1: does not move
 } pci_relaxation;
 
 // Puts every coarse vertex onto the fine surface, at the point nearest to its position that can be

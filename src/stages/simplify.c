@@ -6,6 +6,7 @@
 #include "core/manifold.h"
 #include "core/topology.h"
 #include "stages/clustering.h"
+#include "stages/corners.h"
 #include "stages/fit.h"
 
 static const char *const shortfall_choices[] = {"none", "topology", "budget", NULL};
@@ -327,6 +328,41 @@ static bool drop_unaffordable(pci_scratch *scratch, pc_mesh *layer, size_t verti
     }
 }
 
+// Puts the nearest border vertex on each corner of the border, once.
+static bool pin_corners(const merging *m, pci_relaxation *r) {
+    const pci_halfedge *fine = m->fine;
+    uint8_t *corners = PCI_SCRATCH(m->scratch, uint8_t, fine->vertex_count);
+    if (corners == NULL || !pci_find_corners(m->scratch, fine, 0.5 * m->spacing, corners)) {
+        return false;
+    }
+    for (uint32_t v = 0; v < fine->vertex_count; ++v) {
+        if (!corners[v]) {
+            continue;
+        }
+        // The vertex that the corner was merged into, or one of its neighbours on the border.
+        const double *corner = &fine->positions[3 * (size_t)v];
+        const uint32_t own = m->parent[v];
+        const uint32_t candidates[3] = {own, pci_target(r->coarse, r->coarse->outgoing[own]),
+                                        pci_origin(r->coarse, pci_border_incoming(r->coarse, own))};
+        uint32_t best = PC_INVALID_INDEX;
+        double nearest = INFINITY;
+        for (size_t i = 0; i < 3; ++i) {
+            const double distance =
+                pci_squared_distance(corner, &r->coarse->positions[3 * (size_t)candidates[i]]);
+            if (!r->pinned[candidates[i]] && distance < nearest) {
+                nearest = distance;
+                best = candidates[i];
+            }
+        }
+        if (best != PC_INVALID_INDEX) {
+            r->pinned[best] = 1;
+            r->feet[best] = v;
+            memcpy(&r->coarse->positions[3 * (size_t)best], corner, 3 * sizeof(*corner));
+        }
+    }
+    return true;
+}
+
 // Evens out the coarse mesh on the fine one, then fits its triangles to it.
 static bool relax_and_fit(merging *m, pci_halfedge *coarse, const uint32_t *kept,
                           const uint32_t *fine_feet) {
@@ -334,6 +370,7 @@ static bool relax_and_fit(merging *m, pci_halfedge *coarse, const uint32_t *kept
     double *normals = PCI_SCRATCH(m->scratch, double, 3 * fine->vertex_count);
     uint32_t *feet = PCI_SCRATCH(m->scratch, uint32_t, coarse->vertex_count);
     uint32_t *number = PCI_SCRATCH(m->scratch, uint32_t, fine->vertex_count);
+    uint8_t *pinned = PCI_SCRATCH(m->scratch, uint8_t, coarse->vertex_count);
     if (m->scratch->failed) {
         return false;
     }
@@ -350,11 +387,14 @@ static bool relax_and_fit(merging *m, pci_halfedge *coarse, const uint32_t *kept
     for (uint32_t v = 0; v < fine->vertex_count; ++v) {
         m->parent[v] = number[m->parent[v]];
     }
-    pci_relaxation relaxation = {fine, normals, coarse, feet};
+    pci_relaxation relaxation = {fine, normals, coarse, feet, pinned};
     pci_relax_place(&relaxation);
+    if (!pin_corners(m, &relaxation)) {
+        return false;
+    }
     for (size_t pass = 0; pass < relax_passes && pci_relax_pass(&relaxation) > 0; ++pass) {
     }
-    return pci_fit(m->scratch, &relaxation, m->parent, m->areas, m->spacing, fit_passes);
+    return pci_fit(m->scratch, &relaxation, m->parent, m->areas, m->arcs, m->spacing, fit_passes);
 }
 
 static pc_status measure(pci_scratch *scratch, const pc_mesh *mesh, size_t wanted,

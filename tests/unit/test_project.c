@@ -246,6 +246,25 @@ static void alternation_stops_when_it_gains_little(void **state) {
     pc_context_destroy(context);
 }
 
+static void without_laplacian_every_vertex_lands_on_the_surface(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    pc_mesh surface, isosurface, projected = {0};
+    make_case(context, &surface, &isosurface);
+    pc_project_options options;
+    pc_project_report report;
+    pc_record_set_defaults(&pc_project_options_record, &options);
+    options.lambda_laplacian = 0.0;
+    assert_ok(context,
+              pc_project(context, &surface, &isosurface, CELL, &options, &projected, &report));
+    assert_true(report.max_distance < 1e-12);
+    assert_true(report.iterations <= 2);
+    pc_mesh_free(context, &surface);
+    pc_mesh_free(context, &isosurface);
+    pc_mesh_free(context, &projected);
+    pc_context_destroy(context);
+}
+
 // A sphere around a sphere ends on it: what is left is the shrinkage of the Laplacian.
 static void sphere_lands_on_sphere(void **state) {
     (void)state;
@@ -404,6 +423,7 @@ int main(void) {
         cmocka_unit_test(cholesky_step_solves_the_normal_equations),
         cmocka_unit_test(energy_falls_and_the_report_agrees),
         cmocka_unit_test(alternation_stops_when_it_gains_little),
+        cmocka_unit_test(without_laplacian_every_vertex_lands_on_the_surface),
         cmocka_unit_test(sphere_lands_on_sphere),
         cmocka_unit_test(same_bytes_at_any_thread_count),
         cmocka_unit_test(bad_arguments_leave_the_output_empty),

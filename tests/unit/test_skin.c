@@ -163,6 +163,10 @@ static void losses_match_the_fixtures(void **state) {
             const double value = expected_number(&f, keys[x]);
             assert_close(measures.losses[x], value, 1e-11 * value);
         }
+        // In "tiny" the rings are planar: the sign of a determinant is rounding there.
+        if (i > 0) {
+            assert_int_equal(measures.reflections, (uint64_t)expected_number(&f, "reflections_r"));
+        }
         static const char *const norm_keys[] = {"r", "c", "a"};
         for (size_t x = 0; x < 3; ++x) {
             const double value = expected_number(&f, norm_keys[x]);

@@ -50,6 +50,8 @@ const pc_record pc_simplify_report_record = PCI_RECORD(report_fields, pc_simplif
 static const size_t samples_per_cluster = 16;
 // Passes of sliding and flipping; most meshes rest earlier.
 static const size_t relax_passes = 30;
+// Least quality of the triangles at a corner of the border.
+static const double pinned_quality = 0.5;
 // Passes of fitting.
 static const size_t fit_passes = 10;
 
@@ -393,6 +395,10 @@ static bool relax_and_fit(merging *m, pci_halfedge *coarse, const uint32_t *kept
         return false;
     }
     for (size_t pass = 0; pass < relax_passes && pci_relax_pass(&relaxation) > 0; ++pass) {
+    }
+    // A corner that leaves no room for good triangles is given up.
+    for (uint32_t v = 0; v < coarse->vertex_count; ++v) {
+        pinned[v] = pinned[v] && pci_relax_quality(&relaxation, v) >= pinned_quality;
     }
     return pci_fit(m->scratch, &relaxation, m->parent, m->areas, m->arcs, m->spacing, fit_passes);
 }

@@ -257,7 +257,7 @@ typedef struct drawing {
     lamp lamps[LAMPS];
     float intensities[LAMPS];             // as seen from this camera
     double edge_half_width, border_width; // samples
-    float decoded[256];       // sRGB to linear
+    float decoded[256];                   // sRGB to linear
     uint8_t encoded[4097];                // linear to sRGB
     float *depths;                        // per worker, one band
     uint32_t *triangles;

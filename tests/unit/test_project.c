@@ -215,6 +215,56 @@ static void energy_falls_and_the_report_agrees(void **state) {
     pc_context_destroy(context);
 }
 
+static pc_project_report cholesky_report(pc_context *context, const pc_mesh *surface,
+                                         const pc_mesh *isosurface, uint32_t iterations) {
+    pc_mesh projected = {0};
+    pc_project_options options;
+    pc_project_report report;
+    pc_record_set_defaults(&pc_project_options_record, &options);
+    options.projection_solver = PC_PROJECT_CHOLESKY;
+    options.projection_iterations = iterations;
+    assert_ok(context,
+              pc_project(context, surface, isosurface, CELL, &options, &projected, &report));
+    pc_mesh_free(context, &projected);
+    return report;
+}
+
+static void alternation_stops_when_it_gains_little(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    pc_mesh surface, isosurface;
+    make_case(context, &surface, &isosurface);
+    const pc_project_report end = cholesky_report(context, &surface, &isosurface, 10000);
+    const uint32_t last = (uint32_t)end.iterations;
+    assert_true(last > 2 && last < 10000);
+    const double before = cholesky_report(context, &surface, &isosurface, last - 1).energy_after;
+    const double earlier = cholesky_report(context, &surface, &isosurface, last - 2).energy_after;
+    assert_true(end.energy_after <= before && end.energy_after >= 0.995 * before);
+    assert_true(before < 0.995 * earlier);
+    pc_mesh_free(context, &surface);
+    pc_mesh_free(context, &isosurface);
+    pc_context_destroy(context);
+}
+
+static void without_laplacian_every_vertex_lands_on_the_surface(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    pc_mesh surface, isosurface, projected = {0};
+    make_case(context, &surface, &isosurface);
+    pc_project_options options;
+    pc_project_report report;
+    pc_record_set_defaults(&pc_project_options_record, &options);
+    options.lambda_laplacian = 0.0;
+    assert_ok(context,
+              pc_project(context, &surface, &isosurface, CELL, &options, &projected, &report));
+    assert_true(report.max_distance < 1e-12);
+    assert_true(report.iterations <= 2);
+    pc_mesh_free(context, &surface);
+    pc_mesh_free(context, &isosurface);
+    pc_mesh_free(context, &projected);
+    pc_context_destroy(context);
+}
+
 // A sphere around a sphere ends on it: what is left is the shrinkage of the Laplacian.
 static void sphere_lands_on_sphere(void **state) {
     (void)state;
@@ -372,6 +422,8 @@ int main(void) {
         cmocka_unit_test(vector_adam_starts_along_the_gradient),
         cmocka_unit_test(cholesky_step_solves_the_normal_equations),
         cmocka_unit_test(energy_falls_and_the_report_agrees),
+        cmocka_unit_test(alternation_stops_when_it_gains_little),
+        cmocka_unit_test(without_laplacian_every_vertex_lands_on_the_surface),
         cmocka_unit_test(sphere_lands_on_sphere),
         cmocka_unit_test(same_bytes_at_any_thread_count),
         cmocka_unit_test(bad_arguments_leave_the_output_empty),

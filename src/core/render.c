@@ -5,7 +5,8 @@
 #define SAMPLES         3 // per pixel and axis
 #define BAND_ROWS       8 // pixels, work of one piece
 #define LAMPS           64
-#define SHADOW_SIDE     192     // texels of a lamp's depth map
+#define SHADOW_SIDE     192 // texels of a lamp's depth map
+#define SHADOW_TEXELS   ((size_t)LAMPS * SHADOW_SIDE * SHADOW_SIDE)
 #define CREASE_COSINE   0.6427F // of 50 degrees
 #define EDGE_WIDTH      1.15    // pixels at a tile of 360
 #define BORDER_WIDTH    2.3
@@ -14,8 +15,8 @@
 // projected mesh lie on each other, the front is drawn.
 #define BACK_OFFSET 0.006
 
-static const float front_albedo[3] = {0.60F, 0.60F, 0.61F};
-static const float back_albedo[3] = {0.17F, 0.33F, 0.66F};
+static const float front_albedo[3] = {0.46F, 0.46F, 0.47F};
+static const float back_albedo[3] = {0.13F, 0.28F, 0.62F};
 static const float edge_color[3] = {0.012F, 0.014F, 0.02F};
 
 // ---- triangles to samples ---------------------------------------------------------------------
@@ -27,9 +28,12 @@ typedef struct canvas {
     uint32_t *triangles; // may be NULL
 } canvas;
 
-// First sample whose middle is at or beyond x, within limits.
-static size_t first_sample(double x, size_t lowest, size_t highest) {
-    const double sample = ceil(x - 0.5);
+static inline double smaller(double a, double b) { return a < b ? a : b; }
+static inline double larger(double a, double b) { return a > b ? a : b; }
+
+// First sample whose middle is beyond x, within limits.
+static inline size_t first_sample(double x, size_t lowest, size_t highest) {
+    const double sample = x + 0.5;
     return !(sample > (double)lowest)    ? lowest
            : !(sample < (double)highest) ? highest
                                          : (size_t)sample;
@@ -43,14 +47,7 @@ static double edge_at(const double *a, const double *b, double y) {
 // Corners are x, y, depth in samples.
 static void rasterize(canvas *target, const double *a, const double *b, const double *c,
                       uint32_t triangle) {
-    const double det = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]);
-    if (!(fabs(det) > 0.0) || !isfinite(det)) {
-        return;
-    }
-    const double by_x = ((b[2] - a[2]) * (c[1] - a[1]) - (c[2] - a[2]) * (b[1] - a[1])) / det;
-    const double by_y = ((c[2] - a[2]) * (b[0] - a[0]) - (b[2] - a[2]) * (c[0] - a[0])) / det;
-
-    // Corners from the smallest to the largest y.
+    // Corners from the smallest to the largest y; most triangles of a fine mesh miss all samples.
     const double *low = a, *middle = b, *high = c, *swap;
     if (middle[1] < low[1]) {
         swap = low, low = middle, middle = swap;
@@ -62,16 +59,23 @@ static void rasterize(canvas *target, const double *a, const double *b, const do
         swap = low, low = middle, middle = swap;
     }
     const size_t last_row = target->first_row + target->row_count;
-    const size_t end = first_sample(high[1], target->first_row, last_row);
-    for (size_t row = first_sample(low[1], target->first_row, last_row); row < end; ++row) {
+    const size_t first_row = first_sample(low[1], target->first_row, last_row);
+    const size_t end_row = first_sample(high[1], target->first_row, last_row);
+    const double det = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]);
+    if (first_row == end_row || !(fabs(det) > 0.0) || !isfinite(det)) {
+        return;
+    }
+    const double by_x = ((b[2] - a[2]) * (c[1] - a[1]) - (c[2] - a[2]) * (b[1] - a[1])) / det;
+    const double by_y = ((c[2] - a[2]) * (b[0] - a[0]) - (b[2] - a[2]) * (c[0] - a[0])) / det;
+    for (size_t row = first_row; row < end_row; ++row) {
         const double y = (double)row + 0.5;
         const double x0 = edge_at(low, high, y);
         const double x1 = y < middle[1] ? edge_at(low, middle, y) : edge_at(middle, high, y);
-        const size_t begin = first_sample(fmin(x0, x1), 0, target->width);
-        const size_t stop = first_sample(fmax(x0, x1), 0, target->width);
+        const size_t begin = first_sample(smaller(x0, x1), 0, target->width);
+        const size_t end = first_sample(larger(x0, x1), 0, target->width);
         const size_t offset = (row - target->first_row) * target->width;
         double depth = a[2] + by_y * (y - a[1]) + by_x * ((double)begin + 0.5 - a[0]);
-        for (size_t column = begin; column < stop; ++column, depth += by_x) {
+        for (size_t column = begin; column < end; ++column, depth += by_x) {
             if ((float)depth > target->depths[offset + column]) {
                 target->depths[offset + column] = (float)depth;
                 if (target->triangles != NULL) {
@@ -88,8 +92,10 @@ static const double *corner_position(const pc_mesh *mesh, size_t triangle, size_
 
 // ---- lamps ------------------------------------------------------------------------------------
 
+// Unit vector to the lamp, and axes of its depth map scaled from radii of the model to texels.
 typedef struct lamp {
-    float direction[3], across[3], along[3]; // `direction` points to the lamp
+    float direction[3];
+    float axes[3][3];
 } lamp;
 
 // Evenly spread over the sphere: steps of the golden angle on rings of equal area.
@@ -105,26 +111,21 @@ static lamp lamp_at(size_t i) {
     lamp result;
     for (size_t k = 0; k < 3; ++k) {
         result.direction[k] = (float)direction[k];
-        result.across[k] = (float)across[k];
-        result.along[k] = (float)along[k];
+        result.axes[0][k] = (float)(0.5 * SHADOW_SIDE * across[k]);
+        result.axes[1][k] = (float)(0.5 * SHADOW_SIDE * along[k]);
+        result.axes[2][k] = (float)(0.5 * SHADOW_SIDE * direction[k]);
     }
     return result;
 }
 
-static float dot(const float a[3], const float b[3]) {
+static inline float dot(const float a[3], const float b[3]) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-// Position in the depth map of a lamp, of a point relative to the model's centre and radius.
-static void to_lamp(const lamp *at, const float point[3], float out[3]) {
-    out[0] = (0.5F + 0.5F * dot(point, at->across)) * SHADOW_SIDE;
-    out[1] = (0.5F + 0.5F * dot(point, at->along)) * SHADOW_SIDE;
-    out[2] = 0.5F * dot(point, at->direction) * SHADOW_SIDE;
-}
-
-static void relative_point(const pci_model *model, const double position[3], float out[3]) {
+// Column, row and depth, all from 0 to SHADOW_SIDE, of a point inside the model's unit sphere.
+static inline void to_lamp(const lamp *at, const float point[3], float out[3]) {
     for (size_t k = 0; k < 3; ++k) {
-        out[k] = (float)((position[k] - model->centre[k]) / model->radius);
+        out[k] = 0.5F * SHADOW_SIDE + dot(point, at->axes[k]);
     }
 }
 
@@ -133,17 +134,13 @@ static void cast_shadows(void *user, size_t begin, size_t end, uint32_t worker) 
     (void)worker;
     for (size_t i = begin; i < end; ++i) {
         const lamp at = lamp_at(i);
-        float *depths = &model->shadows[i * SHADOW_SIDE * SHADOW_SIDE];
-        for (size_t k = 0; k < (size_t)SHADOW_SIDE * SHADOW_SIDE; ++k) {
-            depths[k] = -INFINITY;
-        }
-        canvas target = {SHADOW_SIDE, 0, SHADOW_SIDE, depths, NULL};
+        canvas target = {.width = SHADOW_SIDE, .row_count = SHADOW_SIDE};
+        target.depths = &model->shadows[i * SHADOW_SIDE * SHADOW_SIDE];
         for (size_t t = 0; t < model->mesh->triangle_count; ++t) {
             double corner[3][3];
             for (size_t c = 0; c < 3; ++c) {
-                float point[3], mapped[3];
-                relative_point(model, corner_position(model->mesh, t, c), point);
-                to_lamp(&at, point, mapped);
+                float mapped[3];
+                to_lamp(&at, &model->points[3 * (size_t)model->mesh->triangles[3 * t + c]], mapped);
                 corner[c][0] = (double)mapped[0];
                 corner[c][1] = (double)mapped[1];
                 corner[c][2] = (double)mapped[2];
@@ -154,11 +151,14 @@ static void cast_shadows(void *user, size_t begin, size_t end, uint32_t worker) 
 }
 
 // Share of the four texels around a point that no surface hides from the lamp, bilinear.
-static float visibility(const float *depths, const float mapped[3]) {
-    const float x = fminf(fmaxf(mapped[0] - 0.5F, 0.0F), SHADOW_SIDE - 1.001F);
-    const float y = fminf(fmaxf(mapped[1] - 0.5F, 0.0F), SHADOW_SIDE - 1.001F);
-    const size_t column = (size_t)x, row = (size_t)y;
-    const float u = x - (float)column, v = y - (float)row;
+static inline float visibility(const float *depths, const float mapped[3]) {
+    float place[2];
+    for (size_t k = 0; k < 2; ++k) {
+        const float texel = mapped[k] - 0.5F, last = SHADOW_SIDE - 1.001F;
+        place[k] = texel < 0.0F ? 0.0F : texel > last ? last : texel;
+    }
+    const size_t column = (size_t)place[0], row = (size_t)place[1];
+    const float u = place[0] - (float)column, v = place[1] - (float)row;
     const float *at = &depths[row * SHADOW_SIDE + column];
     const float lit[4] = {at[0] <= mapped[2] ? 1.0F : 0.0F, at[1] <= mapped[2] ? 1.0F : 0.0F,
                           at[SHADOW_SIDE] <= mapped[2] ? 1.0F : 0.0F,
@@ -206,7 +206,7 @@ static void compute_normals(void *user, size_t begin, size_t end, uint32_t worke
     }
 }
 
-bool pci_model_build(pc_context *context, pci_scratch *scratch, const pc_mesh *mesh, bool smooth,
+bool pci_model_build(pc_context *context, pci_scratch *scratch, const pc_mesh *mesh, pci_look look,
                      pci_model *model) {
     const size_t count = mesh->triangle_count;
     pci_topology topology;
@@ -214,7 +214,10 @@ bool pci_model_build(pc_context *context, pci_scratch *scratch, const pc_mesh *m
     model->mesh = mesh;
     model->normals = PCI_SCRATCH(scratch, float, 9 * count);
     model->borders = PCI_SCRATCH(scratch, uint8_t, count);
-    model->shadows = PCI_SCRATCH(scratch, float, (size_t)LAMPS *SHADOW_SIDE *SHADOW_SIDE);
+    model->points = PCI_SCRATCH(scratch, float, 3 * mesh->vertex_count);
+    if (look != PCI_LOOK_UNLIT) { // nothing is at depth 0, the far end
+        model->shadows = PCI_SCRATCH(scratch, float, SHADOW_TEXELS);
+    }
     double *areas = PCI_SCRATCH(scratch, double, 3 * count);
     if (scratch->failed || !pci_topology_build(scratch, mesh, &topology)) {
         return false;
@@ -225,6 +228,9 @@ bool pci_model_build(pc_context *context, pci_scratch *scratch, const pc_mesh *m
     model->radius = model->radius > 0.0 ? model->radius : 1.0;
     for (size_t k = 0; k < 3; ++k) {
         model->centre[k] = 0.5 * (minimum[k] + maximum[k]);
+    }
+    for (size_t i = 0; i < 3 * mesh->vertex_count; ++i) {
+        model->points[i] = (float)((mesh->positions[i] - model->centre[i % 3]) / model->radius);
     }
     for (size_t t = 0; t < count; ++t) {
         double ab[3], ac[3];
@@ -239,9 +245,11 @@ bool pci_model_build(pc_context *context, pci_scratch *scratch, const pc_mesh *m
             model->borders[t] |= (uint8_t)((border ? 1U : 0U) << c);
         }
     }
-    normal_job job = {mesh, &topology, areas, smooth, model->normals};
+    normal_job job = {mesh, &topology, areas, look == PCI_LOOK_SMOOTH, model->normals};
     pci_parallel_for(context, count, 1024, compute_normals, &job);
-    pci_parallel_for(context, LAMPS, 1, cast_shadows, model);
+    if (look != PCI_LOOK_UNLIT) {
+        pci_parallel_for(context, LAMPS, 1, cast_shadows, model);
+    }
     return true;
 }
 
@@ -279,7 +287,7 @@ static void set_lamps(drawing *d) {
                                      (double)d->lamps[i].direction[2]};
         const double lobe = fmax(pci_dot(direction, key), 0.0);
         const double sky = 0.5 + 0.5 * pci_dot(direction, camera->up);
-        const double intensity = 0.32 + 0.25 * sky + 1.6 * lobe * lobe * lobe;
+        const double intensity = 0.2 + 0.3 * sky + 2.6 * lobe * lobe * lobe * lobe;
         d->intensities[i] = (float)intensity;
         total += intensity * fmax(pci_dot(direction, camera->towards), 0.0);
     }
@@ -303,7 +311,8 @@ static void set_encoding(drawing *d) {
 }
 
 static uint8_t encode(const drawing *d, float linear) {
-    return d->encoded[(size_t)(fminf(fmaxf(linear, 0.0F), 1.0F) * 4096.0F + 0.5F)];
+    const float clamped = linear < 0.0F ? 0.0F : linear > 1.0F ? 1.0F : linear;
+    return d->encoded[(size_t)(clamped * 4096.0F + 0.5F)];
 }
 
 // What a sample sees of its triangle.
@@ -349,29 +358,28 @@ static bool on_edge(const drawing *d, uint32_t triangle, const surface_point *p)
 
 static float light_at(const drawing *d, uint32_t triangle, const surface_point *p) {
     const pci_model *model = d->model;
-    double position[3] = {0.0, 0.0, 0.0};
-    float normal[3] = {0.0F, 0.0F, 0.0F}, flat[3], relative[3];
+    float normal[3] = {0.0F, 0.0F, 0.0F}, point[3] = {0.0F, 0.0F, 0.0F};
     for (size_t c = 0; c < 3; ++c) {
-        const double *at = corner_position(model->mesh, triangle, c);
+        const float weight = (float)p->weights[c];
+        const size_t v = model->mesh->triangles[3 * (size_t)triangle + c];
         for (size_t k = 0; k < 3; ++k) {
-            position[k] += p->weights[c] * at[k];
-            normal[k] += (float)p->weights[c] * model->normals[9 * (size_t)triangle + 3 * c + k];
+            point[k] += weight * model->points[3 * v + k];
+            normal[k] += weight * model->normals[9 * (size_t)triangle + 3 * c + k];
         }
     }
     const float length = sqrtf(dot(normal, normal));
     const float scale = (p->front ? 1.0F : -1.0F) / (length > 0.0F ? length : 1.0F);
-    relative_point(model, position, relative);
     for (size_t k = 0; k < 3; ++k) {
         normal[k] *= scale;
         // One and a half texels off the surface, so that it does not shade itself.
-        flat[k] = relative[k] + normal[k] * (3.0F / SHADOW_SIDE);
+        point[k] += normal[k] * (3.0F / SHADOW_SIDE);
     }
     float light = 0.0F;
     for (size_t i = 0; i < LAMPS; ++i) {
         const float cosine = dot(normal, d->lamps[i].direction);
         if (cosine > 0.0F) {
             float mapped[3];
-            to_lamp(&d->lamps[i], flat, mapped);
+            to_lamp(&d->lamps[i], point, mapped);
             const float *depths = &model->shadows[i * SHADOW_SIDE * SHADOW_SIDE];
             light += d->intensities[i] * cosine * visibility(depths, mapped);
         }
@@ -413,7 +421,8 @@ static void resolve_pixel(const drawing *d, const canvas *band, size_t column, s
         }
         const float *albedo = p.front ? front_albedo : back_albedo;
         for (size_t k = 0; k < 3; ++k) {
-            sum[k] += fminf(albedo[k] * lights[i], 1.0F);
+            const float value = albedo[k] * lights[i];
+            sum[k] += value < 1.0F ? value : 1.0F;
         }
     }
     if (covered == 0 || (d->style == PCI_STYLE_EDGES_ON_TOP && on_edges == 0)) {
@@ -455,8 +464,8 @@ static void draw_bands(void *user, size_t begin, size_t end, uint32_t worker) {
                 memcpy(corner[c], &d->corners[3 * (size_t)mesh->triangles[3 * t + c]],
                        sizeof(corner[c]));
             }
-            if (fmax(fmax(corner[0][1], corner[1][1]), corner[2][1]) < top ||
-                fmin(fmin(corner[0][1], corner[1][1]), corner[2][1]) > bottom) {
+            if (larger(larger(corner[0][1], corner[1][1]), corner[2][1]) < top ||
+                smaller(smaller(corner[0][1], corner[1][1]), corner[2][1]) > bottom) {
                 continue;
             }
             const double area = (corner[1][0] - corner[0][0]) * (corner[2][1] - corner[0][1]) -

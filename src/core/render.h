@@ -26,15 +26,21 @@ typedef struct pci_camera {
 // A mesh prepared for drawing; arrays live in scratch memory.
 typedef struct pci_model {
     const pc_mesh *mesh;
+    float *points;    // #V by 3, relative to centre and radius
     float *normals;   // #F by 3 by 3, unit, one per corner
     uint8_t *borders; // #F, bit c: no other triangle at the edge from corner c to c + 1
     double centre[3], radius;
-    float *shadows; // depth seen from each lamp of the dome
+    float *shadows; // depth seen from each lamp of the dome; NULL: unlit
 } pci_model;
 
-// Computes normals and shadows. `smooth`: normals are averaged where the surface bends less than
-// 50 degrees, else every triangle is flat. False: out of memory.
-bool pci_model_build(pc_context *context, pci_scratch *scratch, const pc_mesh *mesh, bool smooth,
+typedef enum pci_look {
+    PCI_LOOK_SMOOTH, // normals are averaged where the surface bends less than 50 degrees
+    PCI_LOOK_FLAT,
+    PCI_LOOK_UNLIT // for PCI_STYLE_EDGES_ON_TOP only
+} pci_look;
+
+// Computes normals and shadows. False: out of memory.
+bool pci_model_build(pc_context *context, pci_scratch *scratch, const pc_mesh *mesh, pci_look look,
                      pci_model *model);
 
 typedef enum pci_style {

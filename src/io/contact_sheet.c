@@ -28,7 +28,7 @@ typedef struct exhibit {
     const char *name;
     const pc_mesh *mesh;
     pci_style style;
-    bool smooth;
+    pci_look look;
 } exhibit;
 
 typedef struct sheet {
@@ -50,11 +50,13 @@ static void list_exhibits(sheet *s) {
         uint32_t stages;
         exhibit exhibit;
     } all[] = {
-        {0, {"visual", &a->visual.surface, PCI_STYLE_SURFACE, true}},
-        {PC_STAGE_ISOSURFACE + 1, {"iso-surface", &a->isosurface, PCI_STYLE_SURFACE, true}},
-        {PC_STAGE_PROJECT + 1, {"projected", &a->projected, PCI_STYLE_SURFACE, true}},
-        {PC_STAGE_CARVE + 1, {"single layer", &a->single_layer, PCI_STYLE_SURFACE, true}},
-        {PC_STAGE_SIMPLIFY + 1, {"proxy", &a->proxy, PCI_STYLE_SURFACE_AND_EDGES, false}},
+        {0, {"visual", &a->visual.surface, PCI_STYLE_SURFACE, PCI_LOOK_SMOOTH}},
+        {PC_STAGE_ISOSURFACE + 1,
+         {"iso-surface", &a->isosurface, PCI_STYLE_SURFACE, PCI_LOOK_SMOOTH}},
+        {PC_STAGE_PROJECT + 1, {"projected", &a->projected, PCI_STYLE_SURFACE, PCI_LOOK_SMOOTH}},
+        {PC_STAGE_CARVE + 1,
+         {"single layer", &a->single_layer, PCI_STYLE_SURFACE, PCI_LOOK_SMOOTH}},
+        {PC_STAGE_SIMPLIFY + 1, {"proxy", &a->proxy, PCI_STYLE_SURFACE_AND_EDGES, PCI_LOOK_FLAT}},
     };
     for (size_t i = 0; i < sizeof(all) / sizeof(all[0]); ++i) {
         if (a->stage_count >= all[i].stages && all[i].exhibit.mesh->triangle_count > 0) {
@@ -187,7 +189,7 @@ static pc_status draw_exhibits(sheet *s) {
         const exhibit *e = &s->exhibits[i];
         pci_scratch scratch = pci_scratch_begin(s->context);
         pci_model model;
-        bool drawn = pci_model_build(s->context, &scratch, e->mesh, e->smooth, &model);
+        bool drawn = pci_model_build(s->context, &scratch, e->mesh, e->look, &model);
         for (size_t view = 0; view < 2 && drawn; ++view) {
             drawn = pci_draw(s->context, &scratch, &model, &cameras[view], e->style,
                              tile_at(s, view, i), &s->image);
@@ -215,8 +217,8 @@ static bool draw_frame(sheet *s, const pc_mesh *skinned, const pc_mesh *proxy,
     pci_scratch scratch = pci_scratch_begin(s->context);
     pci_model garment, cage;
     const bool drawn =
-        pci_model_build(s->context, &scratch, skinned, true, &garment) &&
-        pci_model_build(s->context, &scratch, proxy, false, &cage) &&
+        pci_model_build(s->context, &scratch, skinned, PCI_LOOK_SMOOTH, &garment) &&
+        pci_model_build(s->context, &scratch, proxy, PCI_LOOK_UNLIT, &cage) &&
         pci_draw(s->context, &scratch, &garment, camera, PCI_STYLE_SURFACE, tile, &s->image) &&
         pci_draw(s->context, &scratch, &cage, camera, PCI_STYLE_EDGES_ON_TOP, tile, &s->image);
     pci_scratch_end(&scratch);

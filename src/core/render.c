@@ -4,7 +4,7 @@
 
 #define SAMPLES         3 // per pixel and axis
 #define BAND_ROWS       8 // pixels, work of one piece
-#define LAMPS           64
+#define LAMPS           48
 #define SHADOW_SIDE     192 // texels of a lamp's depth map
 #define SHADOW_TEXELS   ((size_t)LAMPS * SHADOW_SIDE * SHADOW_SIDE)
 #define CREASE_COSINE   0.6427F // of 50 degrees
@@ -160,9 +160,9 @@ static inline float visibility(const float *depths, const float mapped[3]) {
     const size_t column = (size_t)place[0], row = (size_t)place[1];
     const float u = place[0] - (float)column, v = place[1] - (float)row;
     const float *at = &depths[row * SHADOW_SIDE + column];
-    const float lit[4] = {at[0] <= mapped[2] ? 1.0F : 0.0F, at[1] <= mapped[2] ? 1.0F : 0.0F,
-                          at[SHADOW_SIDE] <= mapped[2] ? 1.0F : 0.0F,
-                          at[SHADOW_SIDE + 1] <= mapped[2] ? 1.0F : 0.0F};
+    const float lit[4] = {(float)(at[0] <= mapped[2]), (float)(at[1] <= mapped[2]),
+                          (float)(at[SHADOW_SIDE] <= mapped[2]),
+                          (float)(at[SHADOW_SIDE + 1] <= mapped[2])};
     return (lit[0] * (1.0F - u) + lit[1] * u) * (1.0F - v) + (lit[2] * (1.0F - u) + lit[3] * u) * v;
 }
 
@@ -391,8 +391,9 @@ static float light_at(const drawing *d, uint32_t triangle, const surface_point *
 static void resolve_pixel(const drawing *d, const canvas *band, size_t column, size_t row) {
     uint8_t *pixel =
         &d->image->pixels[3 * ((d->tile.y + row) * d->image->width + d->tile.x + column)];
-    float sum[3] = {0.0F, 0.0F, 0.0F}, lights[SAMPLES * SAMPLES];
+    float sum[3] = {0.0F, 0.0F, 0.0F}, lights[SAMPLES * SAMPLES], seen_depths[SAMPLES * SAMPLES];
     uint32_t seen[SAMPLES * SAMPLES];
+    bool fronts[SAMPLES * SAMPLES];
     size_t seen_count = 0, covered = 0, on_edges = 0;
     for (size_t s = 0; s < SAMPLES * SAMPLES; ++s) {
         const size_t x = SAMPLES * column + s % SAMPLES, y = SAMPLES * row + s / SAMPLES;
@@ -410,13 +411,19 @@ static void resolve_pixel(const drawing *d, const canvas *band, size_t column, s
         if (d->style == PCI_STYLE_EDGES_ON_TOP) {
             continue;
         }
-        // Light changes slowly: once per triangle and pixel is enough.
+        // Light changes slowly: once per pixel and smooth surface is enough.
+        const float depth = band->depths[at];
         size_t i = 0;
-        while (i < seen_count && seen[i] != triangle) {
+        while (i < seen_count && seen[i] != triangle &&
+               (fronts[i] != p.front || fabsf(seen_depths[i] - depth) > 2.0F * SAMPLES ||
+                dot(&d->model->normals[9 * (size_t)seen[i]],
+                    &d->model->normals[9 * (size_t)triangle]) < 0.95F)) {
             ++i;
         }
         if (i == seen_count) {
             seen[seen_count] = triangle;
+            seen_depths[seen_count] = depth;
+            fronts[seen_count] = p.front;
             lights[seen_count++] = light_at(d, triangle, &p);
         }
         const float *albedo = p.front ? front_albedo : back_albedo;

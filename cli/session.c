@@ -84,7 +84,7 @@ int cli_fail(const char *command, cli_exit code, const char *format, ...) {
     va_start(arguments, format);
     print_message(command, "error", format, arguments);
     va_end(arguments);
-    return code;
+    return (int)code;
 }
 
 void cli_warn(const char *command, const char *format, ...) {

@@ -3,7 +3,7 @@
 #define _POSIX_C_SOURCE 200809L
 #include <unistd.h>
 
-#include "bench/garment.h"
+#include "support/garment.h"
 
 // Starts a new measurement of the process's peak memory.
 static void reset_peak(void) {
@@ -127,8 +127,9 @@ int main(int argc, char **argv) {
         }
     }
     if (first >= argc || runs == 0) {
-        fprintf(stderr, "usage: %s [--csv] [--runs N] [--threads N] [--set OPTION=VALUE]... "
-                        "FILE.obj...\n",
+        fprintf(stderr,
+                "usage: %s [--csv] [--runs N] [--threads N] [--set OPTION=VALUE]... "
+                "FILE.obj...\n",
                 argv[0]);
         return 2;
     }

@@ -1,37 +1,12 @@
 // Quality of proxies and weights over garments: one row each, then the means.
 // L_r is measured on a wind that the weights have not seen, against closest-triangle weights.
 // Usage: proxycloth_quality [--proxy-only] FILE.obj...
-#include "bench/garment.h"
+#include "support/garment.h"
 
 typedef struct row {
     pc_measures measures;
     double gap, rigid, rigid_closest;
 } row;
-
-// L_r of both kinds of weights on a motion with another seed.
-static bool unseen_wind(pc_context *context, const pc_asset *asset, row *result) {
-    pc_simulate_options simulate = asset->options.simulate;
-    simulate.seed += 1000;
-    pc_motion motion = {0};
-    pc_skin closest = {0};
-    pc_skin_losses losses = {0}, closest_losses = {0};
-    const pc_mesh *surface = &asset->visual.surface;
-    const bool good =
-        pc_simulate(context, &asset->proxy, &simulate, &motion, NULL) == PC_OK &&
-        pc_skin_closest_triangle(context, surface, &asset->proxy, &closest) == PC_OK &&
-        pc_skin_evaluate(context, surface, &asset->proxy, &motion, &asset->skin,
-                         &asset->options.skin, &losses) == PC_OK &&
-        pc_skin_evaluate(context, surface, &asset->proxy, &motion, &closest, &asset->options.skin,
-                         &closest_losses) == PC_OK;
-    if (good) {
-        const double frames = (double)motion.frame_count;
-        result->rigid = losses.rigid / (frames * losses.rigid_norm);
-        result->rigid_closest = closest_losses.rigid / (frames * closest_losses.rigid_norm);
-    }
-    pc_motion_free(context, &motion);
-    pc_skin_free(context, &closest);
-    return good;
-}
 
 static bool measure(pc_context *context, const char *path, bool proxy_only, row *result) {
     pc_asset asset = {0};
@@ -40,9 +15,10 @@ static bool measure(pc_context *context, const char *path, bool proxy_only, row 
     for (pc_stage stage = 0; stage <= last && good; ++stage) {
         good = pc_run_stage(context, stage, NULL, &asset, NULL) == PC_OK;
     }
-    good = good &&
-           pc_evaluate(context, &asset.visual.surface, &asset.proxy, &result->measures) == PC_OK &&
-           (proxy_only || unseen_wind(context, &asset, result));
+    good =
+        good &&
+        pc_evaluate(context, &asset.visual.surface, &asset.proxy, &result->measures) == PC_OK &&
+        (proxy_only || unseen_wind_rigid(context, &asset, &result->rigid, &result->rigid_closest));
     if (!good) {
         printf("%-34.34s %s\n", asset.name, pc_context_error(context)->message);
     } else {
@@ -82,12 +58,10 @@ int main(int argc, char **argv) {
             ++failed;
             continue;
         }
-        const double values[6] = {(double)result.measures.components,
-                                  (double)result.measures.boundary_loops,
-                                  result.measures.doubled_area,
-                                  result.measures.hausdorff,
-                                  result.measures.min_angle_mean,
-                                  result.rigid <= result.rigid_closest ? 1.0 : 0.0};
+        const double values[6] = {
+            (double)result.measures.components, (double)result.measures.boundary_loops,
+            result.measures.doubled_area,       result.measures.hausdorff,
+            result.measures.min_angle_mean,     result.rigid <= result.rigid_closest ? 1.0 : 0.0};
         for (size_t k = 0; k < 6; ++k) {
             sum[k] += values[k];
         }

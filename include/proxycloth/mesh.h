@@ -49,7 +49,7 @@ typedef struct pc_material {
 /// computed on the surface never tear a seam.
 typedef struct pc_visual {
     pc_mesh surface;            ///< vertices with distinct positions; all triangles of the input
-    size_t corner_count;        ///< split vertices, as many as the file had
+    size_t corner_count;        ///< split vertices that a triangle uses, in the input's order
     uint32_t *corner_vertices;  ///< #C, vertex of `surface` at this split vertex
     uint32_t *corner_triangles; ///< #F by 3, split vertices of each triangle, same order as surface
     float *normals;             ///< #C by 3, unit, or NULL
@@ -80,23 +80,27 @@ typedef struct pc_visual_arrays {
 typedef struct pc_visual_report {
     uint64_t vertices;             ///< distinct positions that a triangle uses
     uint64_t triangles;            ///< all, including the degenerate ones
-    uint64_t degenerate_triangles; ///< repeated vertex or no area
+    uint64_t degenerate_triangles; ///< repeated vertex, or height below 1e-12 of the longest edge
     uint64_t duplicate_triangles;  ///< same three positions as an earlier triangle
-    uint64_t stray_vertices;       ///< used by no triangle
+    uint64_t stray_vertices;       ///< split vertices used by no triangle; left out
     uint64_t nonmanifold_edges;    ///< edges of more than two distinct triangles
-    uint64_t winding_conflicts;    ///< edges that two triangles run in the same direction
+    uint64_t winding_conflicts;    ///< edges of two triangles that run them in the same direction
+    /// Split vertices with a normal, texture coordinate or color that is not finite (or a normal of
+    /// length 0): the normal is taken from the surface, texture coordinates become 0, colors 1.
+    uint64_t replaced_attributes;
     uint64_t components;           ///< parts connected by shared positions
     double diagonal;               ///< of the bounding box
 } pc_visual_report;
 
 /// Builds the visual mesh from plain arrays: checks, welds equal positions, counts defects.
 /// Degenerate and duplicate triangles stay in the mesh (the artist's asset comes out as it went
-/// in).
+/// in). Positions weld when they are equal bit by bit, with -0 = 0. Normals are scaled to length 1,
+/// colors and material factors are clamped into [0, 1].
 /// @param[out] visual  zeroed on entry.
 /// @param[out] report  may be NULL.
 /// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (NULL, output not empty); PC_ERROR_INVALID_MESH (no
 ///         triangle, index out of range, position NaN, infinite or beyond 1e30, all positions
-///         collinear or no triangle with area); PC_ERROR_TOO_LARGE (2^31 elements);
+///         equal or nearer to one line than 1e-6 of the extent, no triangle with area); PC_ERROR_TOO_LARGE (2^31 elements);
 ///         PC_ERROR_OUT_OF_MEMORY.
 PC_NODISCARD pc_status pc_visual_create(pc_context *context, const pc_visual_arrays *arrays,
                                         pc_visual *visual, pc_visual_report *report);

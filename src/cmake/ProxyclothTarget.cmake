@@ -6,7 +6,8 @@ function(proxycloth_target target)
   # No fused multiply-adds behind our back: results must not depend on the compiler's mood.
   target_compile_options(${target} PRIVATE
     -ffp-contract=off -fno-math-errno
-    -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wsign-conversion -Wdouble-promotion
+    -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wsign-conversion
+    $<$<C_COMPILER_ID:GNU>:-Wdouble-promotion> # clang's also warns of the macros INFINITY and NAN
     -Wstrict-prototypes -Wmissing-prototypes -Wvla -Wundef)
   if(PROXYCLOTH_SANITIZE)
     target_compile_options(${target} PRIVATE

@@ -1,29 +1,422 @@
 #include "core/bvh.h"
 
+#include <embree3/rtcore.h>
+#include <float.h>
+
+// Embree sees every triangle as a box in coordinates where the mesh fits a cube of side 1 around
+// the origin, so that float is precise enough at any size and place of the mesh. The boxes are
+// larger than the triangles by PADDING, which exceeds all rounding of boxes, rays and points (for
+// user geometry Embree traverses without its robust mode whatever the scene flags say).
+#define PADDING 2e-6
+
+// Beyond this distance from the origin of the normalised space the bounds of a float query would
+// mean nothing; such a query visits every triangle.
+#define FARTHEST_POINT 1e6
+
+struct pci_bvh {
+    const pc_mesh *mesh;
+    RTCDevice device;
+    RTCScene scene;
+    double minimum[3], maximum[3]; // of the triangles
+    double centre[3];
+    double scale; // normalised = (position - centre) * scale
+};
+
+static const double *corner(const pc_mesh *mesh, size_t triangle, size_t c) {
+    return &mesh->positions[3 * (size_t)mesh->triangles[3 * triangle + c]];
+}
+
+static void ignore_error(void *user, enum RTCError code, const char *text) {
+    (void)user;
+    (void)code;
+    (void)text;
+}
+
+static void bound_triangle(const struct RTCBoundsFunctionArguments *arguments) {
+    const pci_bvh *bvh = arguments->geometryUserPtr;
+    float lower[3], upper[3];
+    for (size_t k = 0; k < 3; ++k) {
+        double least = INFINITY, most = -INFINITY;
+        for (size_t c = 0; c < 3; ++c) {
+            const double x = corner(bvh->mesh, arguments->primID, c)[k];
+            least = fmin(least, x);
+            most = fmax(most, x);
+        }
+        lower[k] = (float)((least - bvh->centre[k]) * bvh->scale - PADDING);
+        upper[k] = (float)((most - bvh->centre[k]) * bvh->scale + PADDING);
+    }
+    struct RTCBounds *bounds = arguments->bounds_o;
+    bounds->lower_x = lower[0], bounds->lower_y = lower[1], bounds->lower_z = lower[2];
+    bounds->upper_x = upper[0], bounds->upper_y = upper[1], bounds->upper_z = upper[2];
+}
+
+static void intersect_triangle(const struct RTCIntersectFunctionNArguments *arguments);
+
+// False: a coordinate is not finite.
+static bool normalise_space(pci_bvh *bvh) {
+    const pc_mesh *mesh = bvh->mesh;
+    double side = 0.0;
+    for (size_t k = 0; k < 3; ++k) {
+        bvh->minimum[k] = INFINITY;
+        bvh->maximum[k] = -INFINITY;
+        for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
+            const double x = mesh->positions[3 * (size_t)mesh->triangles[i] + k];
+            if (!isfinite(x)) {
+                return false;
+            }
+            bvh->minimum[k] = fmin(bvh->minimum[k], x);
+            bvh->maximum[k] = fmax(bvh->maximum[k], x);
+        }
+        bvh->centre[k] = 0.5 * (bvh->minimum[k] + bvh->maximum[k]);
+        side = fmax(side, bvh->maximum[k] - bvh->minimum[k]);
+    }
+    bvh->scale = side >= DBL_MIN ? 1.0 / side : 1.0;
+    return true;
+}
+
 pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *mesh,
                          pci_bvh **bvh) {
-    (void)mesh;
     *bvh = NULL;
-    return pci_fail(context, PC_ERROR_UNSUPPORTED, stage, "%s: not written yet", stage);
+    if (mesh->triangle_count >= PC_INVALID_INDEX) {
+        return pci_fail(context, PC_ERROR_TOO_LARGE, stage, "%s: %zu triangles are too many", stage,
+                        mesh->triangle_count);
+    }
+    pci_bvh *created = PCI_ALLOCATE(context, pci_bvh, 1);
+    if (created == NULL) {
+        return pci_fail_memory(context, stage);
+    }
+    created->mesh = mesh;
+    if (!normalise_space(created)) {
+        pci_bvh_destroy(context, created);
+        return pci_fail(context, PC_ERROR_NUMERICAL, stage,
+                        "%s: a vertex position is infinite or not a number", stage);
+    }
+
+    // One thread: the tree, and with it the order of visits, never depends on timing.
+    enum RTCError error = RTC_ERROR_NONE;
+    created->device = rtcNewDevice("threads=1");
+    if (created->device == NULL) {
+        error = rtcGetDeviceError(NULL);
+    } else {
+        rtcSetDeviceErrorFunction(created->device, ignore_error, NULL);
+        created->scene = rtcNewScene(created->device);
+        RTCGeometry geometry = rtcNewGeometry(created->device, RTC_GEOMETRY_TYPE_USER);
+        rtcSetGeometryUserPrimitiveCount(geometry, (unsigned int)mesh->triangle_count);
+        rtcSetGeometryUserData(geometry, created);
+        rtcSetGeometryBoundsFunction(geometry, bound_triangle, NULL);
+        rtcSetGeometryIntersectFunction(geometry, intersect_triangle);
+        rtcCommitGeometry(geometry);
+        rtcAttachGeometry(created->scene, geometry);
+        rtcReleaseGeometry(geometry);
+        rtcCommitScene(created->scene);
+        error = rtcGetDeviceError(created->device);
+    }
+    if (created->device == NULL || error != RTC_ERROR_NONE) {
+        pci_bvh_destroy(context, created);
+        if (error == RTC_ERROR_OUT_OF_MEMORY) {
+            return pci_fail_memory(context, stage);
+        }
+        return pci_fail(context, PC_ERROR_DEPENDENCY, stage, "%s: Embree failed with error %d",
+                        stage, (int)error);
+    }
+    *bvh = created;
+    return PC_OK;
 }
+
 void pci_bvh_destroy(pc_context *context, pci_bvh *bvh) {
-    (void)context;
-    (void)bvh;
+    if (bvh == NULL) {
+        return;
+    }
+    if (bvh->scene != NULL) {
+        rtcReleaseScene(bvh->scene);
+    }
+    if (bvh->device != NULL) {
+        rtcReleaseDevice(bvh->device);
+    }
+    pc_release(context, bvh);
 }
+
+// ---- closest point ------------------------------------------------------------------------------
+
+// Closest point of the segment from `start` along `edge` to the origin, as a fraction of the edge.
+static double closest_on_edge(const double start[3], const double edge[3], double *fraction) {
+    const double length2 = pci_dot(edge, edge);
+    double t = length2 > 0.0 ? -pci_dot(start, edge) / length2 : 0.0;
+    t = t > 0.0 ? (t < 1.0 ? t : 1.0) : 0.0;
+    *fraction = t;
+    const double r[3] = {start[0] + t * edge[0], start[1] + t * edge[1], start[2] + t * edge[2]};
+    return pci_dot(r, r);
+}
+
+double pci_triangle_squared_distance(const double point[3], const double a[3], const double b[3],
+                                     const double c[3], double barycentric[3]) {
+    double pa[3], pb[3], pc[3], ab[3], bc[3], ca[3], normal[3], t[3];
+    pci_sub(a, point, pa);
+    pci_sub(b, point, pb);
+    pci_sub(c, point, pc);
+    pci_sub(b, a, ab);
+    pci_sub(c, b, bc);
+    pci_sub(a, c, ca);
+    pci_cross(ab, bc, normal);
+
+    // The foot of the perpendicular, when it lies inside. Whatever the rounding, the weights are
+    // those of a point of the triangle, and the distance is measured to that point.
+    double best = INFINITY;
+    const double double_area2 = pci_dot(normal, normal);
+    double w[3];
+    pci_cross(pb, bc, t);
+    w[0] = pci_dot(t, normal);
+    pci_cross(pc, ca, t);
+    w[1] = pci_dot(t, normal);
+    pci_cross(pa, ab, t);
+    w[2] = pci_dot(t, normal);
+    if (w[0] > 0.0 && w[1] > 0.0 && w[2] > 0.0) {
+        const double sum = w[0] + w[1] + w[2];
+        for (size_t k = 0; k < 3; ++k) {
+            barycentric[k] = w[k] / sum;
+        }
+        const double r[3] = {pa[0] + barycentric[1] * ab[0] - barycentric[2] * ca[0],
+                             pa[1] + barycentric[1] * ab[1] - barycentric[2] * ca[1],
+                             pa[2] + barycentric[1] * ab[2] - barycentric[2] * ca[2]};
+        best = pci_dot(r, r);
+        // Slivers, where the foot is not to be trusted, also compare with their edges.
+        if (double_area2 > 1e-6 * pci_dot(ab, ab) * pci_dot(ca, ca)) {
+            return best;
+        }
+    }
+
+    const double *starts[3] = {pa, pb, pc}, *edges[3] = {ab, bc, ca};
+    for (size_t e = 0; e < 3; ++e) {
+        double fraction = 0.0;
+        const double distance2 = closest_on_edge(starts[e], edges[e], &fraction);
+        if (distance2 < best) {
+            best = distance2;
+            barycentric[e] = 1.0 - fraction;
+            barycentric[(e + 1) % 3] = fraction;
+            barycentric[(e + 2) % 3] = 0.0;
+        }
+    }
+    return best;
+}
+
+typedef struct closest_query {
+    const pci_bvh *bvh;
+    const double *point;
+    double radius;    // of the caller
+    double slack;     // added to the radius in normalised space
+    double distance2; // best so far
+    uint32_t triangle;
+    double barycentric[3];
+} closest_query;
+
+static bool visit_triangle(struct RTCPointQueryFunctionArguments *arguments) {
+    closest_query *query = arguments->userPtr;
+    const pc_mesh *mesh = query->bvh->mesh;
+    const uint32_t t = arguments->primID;
+    double barycentric[3] = {0};
+    const double distance2 = pci_triangle_squared_distance(
+        query->point, corner(mesh, t, 0), corner(mesh, t, 1), corner(mesh, t, 2), barycentric);
+    if (distance2 > query->distance2 || (distance2 == query->distance2 && t > query->triangle)) {
+        return false;
+    }
+    const double distance = sqrt(distance2);
+    if (!(distance <= query->radius)) {
+        return false;
+    }
+    query->distance2 = distance2;
+    query->triangle = t;
+    memcpy(query->barycentric, barycentric, sizeof(barycentric));
+    // Shrink the search, with slack so that triangles at the same distance are still visited.
+    const float radius = (float)(distance * query->bvh->scale * (1.0 + 1e-6) + query->slack);
+    if (radius < arguments->query->radius) {
+        arguments->query->radius = radius;
+        return true;
+    }
+    return false;
+}
+
 pci_closest pci_bvh_closest(const pci_bvh *bvh, const double point[3], double radius) {
-    (void)bvh;
-    (void)point;
-    (void)radius;
-    return (pci_closest){.triangle = PC_INVALID_INDEX};
+    pci_closest closest = {.triangle = PC_INVALID_INDEX};
+    closest_query query = {.bvh = bvh,
+                           .point = point,
+                           .radius = radius,
+                           .distance2 = INFINITY,
+                           .triangle = PC_INVALID_INDEX};
+    if (!(radius >= 0.0) || !isfinite(point[0] + point[1] + point[2])) {
+        return closest;
+    }
+    double local[3], largest = 0.0;
+    for (size_t k = 0; k < 3; ++k) {
+        local[k] = (point[k] - bvh->centre[k]) * bvh->scale;
+        largest = fmax(largest, fabs(local[k]));
+    }
+    struct RTCPointQuery search = {.radius = INFINITY};
+    if (largest <= FARTHEST_POINT) {
+        search.x = (float)local[0], search.y = (float)local[1], search.z = (float)local[2];
+        query.slack = 4.0 * (double)FLT_EPSILON * (largest + 1.0);
+        search.radius = (float)(radius * bvh->scale * (1.0 + 1e-6) + query.slack);
+    } else {
+        query.slack = INFINITY;
+    }
+    struct RTCPointQueryContext search_context;
+    rtcInitPointQueryContext(&search_context);
+    rtcPointQuery(bvh->scene, &search, &search_context, visit_triangle, &query);
+
+    if (query.triangle != PC_INVALID_INDEX) {
+        closest.triangle = query.triangle;
+        closest.distance = sqrt(query.distance2);
+        memcpy(closest.barycentric, query.barycentric, sizeof(closest.barycentric));
+        for (size_t k = 0; k < 3; ++k) {
+            for (size_t c = 0; c < 3; ++c) {
+                closest.point[k] +=
+                    closest.barycentric[c] * corner(bvh->mesh, closest.triangle, c)[k];
+            }
+        }
+    }
+    return closest;
 }
+
+// ---- rays ---------------------------------------------------------------------------------------
+
+typedef struct ray_query {
+    struct RTCIntersectContext context; // first: Embree hands back a pointer to it
+    const pci_bvh *bvh;
+    const double *origin;
+    size_t axis[3];  // the last one is the direction's largest component
+    double shear[3]; // takes the direction to (0, 0, 1)
+    double near, far;
+    double entry;      // parameter of Embree's ray origin
+    double local_rate; // Embree's distance per unit of ours
+    pci_hit_filter filter;
+    void *user;
+    pci_hit best;
+} ray_query;
+
+// Watertight test (Woop, Benthin, Wald 2013) in double: vertices are sheared the same way in every
+// triangle, so a ray through a shared edge or vertex never slips through.
+static bool intersect(const ray_query *ray, uint32_t triangle, pci_hit *hit) {
+    double x[3], y[3], z[3];
+    for (size_t c = 0; c < 3; ++c) {
+        const double *position = corner(ray->bvh->mesh, triangle, c);
+        double relative[3];
+        pci_sub(position, ray->origin, relative);
+        const double along = relative[ray->axis[2]];
+        x[c] = relative[ray->axis[0]] - ray->shear[0] * along;
+        y[c] = relative[ray->axis[1]] - ray->shear[1] * along;
+        z[c] = ray->shear[2] * along;
+    }
+    const double u = x[2] * y[1] - y[2] * x[1];
+    const double v = x[0] * y[2] - y[0] * x[2];
+    const double w = x[1] * y[0] - y[1] * x[0];
+    if ((u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0)) {
+        return false;
+    }
+    const double sum = u + v + w;
+    if (sum == 0.0) {
+        return false; // seen edge-on or without area
+    }
+    hit->triangle = triangle;
+    hit->barycentric[0] = u / sum;
+    hit->barycentric[1] = v / sum;
+    hit->barycentric[2] = w / sum;
+    hit->distance =
+        hit->barycentric[0] * z[0] + hit->barycentric[1] * z[1] + hit->barycentric[2] * z[2];
+    hit->back_face = sum < 0.0;
+    return hit->distance >= ray->near && hit->distance <= ray->far;
+}
+
+static void intersect_triangle(const struct RTCIntersectFunctionNArguments *arguments) {
+    if (arguments->valid[0] == 0) {
+        return;
+    }
+    ray_query *ray = (ray_query *)(void *)arguments->context;
+    pci_hit hit = {0};
+    if (!intersect(ray, arguments->primID, &hit) || hit.distance > ray->best.distance ||
+        (hit.distance == ray->best.distance && hit.triangle > ray->best.triangle) ||
+        (ray->filter != NULL && !ray->filter(ray->user, &hit))) {
+        return;
+    }
+    ray->best = hit;
+    // Shorten the ray, with slack so that triangles at the same distance are still visited.
+    struct RTCRayHit *search = (struct RTCRayHit *)(void *)arguments->rayhit;
+    const float reach = (float)((hit.distance - ray->entry) * ray->local_rate + PADDING);
+    if (reach < search->ray.tfar) {
+        search->ray.tfar = reach;
+    }
+}
+
+// Parameters where the ray enters and leaves the box around the mesh, enlarged by `margin`.
+// Starting Embree's ray there keeps its float coordinates small. False: the box is missed.
+static bool clip_ray(const pci_bvh *bvh, const double origin[3], const double direction[3],
+                     double margin, double *enter, double *leave) {
+    for (size_t k = 0; k < 3; ++k) {
+        const double low = bvh->minimum[k] - margin - origin[k];
+        const double high = bvh->maximum[k] + margin - origin[k];
+        if (direction[k] == 0.0) {
+            if (low > 0.0 || high < 0.0) {
+                return false;
+            }
+            continue;
+        }
+        const double a = low / direction[k], b = high / direction[k];
+        *enter = fmax(*enter, fmin(a, b));
+        *leave = fmin(*leave, fmax(a, b));
+    }
+    return *enter <= *leave;
+}
+
 pci_hit pci_bvh_cast(const pci_bvh *bvh, const double origin[3], const double direction[3],
                      double near, double far, pci_hit_filter filter, void *user) {
-    (void)bvh;
-    (void)origin;
-    (void)direction;
-    (void)near;
-    (void)far;
-    (void)filter;
-    (void)user;
-    return (pci_hit){.triangle = PC_INVALID_INDEX};
+    const pci_hit miss = {.triangle = PC_INVALID_INDEX};
+    const double length = pci_norm(direction);
+    double enter = near, leave = far;
+    // The margin leaves room for the slack of the float ray and for the rounding of this clipping.
+    const double margin = 1e-3 / bvh->scale;
+    if (!(length > 0.0) || !isfinite(length) ||
+        !clip_ray(bvh, origin, direction, margin, &enter, &leave)) {
+        return miss;
+    }
+
+    ray_query ray = {.bvh = bvh,
+                     .origin = origin,
+                     .near = near,
+                     .far = far,
+                     .entry = enter,
+                     .local_rate = length * bvh->scale,
+                     .filter = filter,
+                     .user = user};
+    ray.best = miss;
+    ray.best.distance = INFINITY;
+    size_t z = 0;
+    for (size_t k = 1; k < 3; ++k) {
+        z = fabs(direction[k]) > fabs(direction[z]) ? k : z;
+    }
+    // Swapping two axes for a negative direction keeps the winding.
+    const size_t x = direction[z] < 0.0 ? (z + 2) % 3 : (z + 1) % 3;
+    const size_t y = direction[z] < 0.0 ? (z + 1) % 3 : (z + 2) % 3;
+    ray.axis[0] = x, ray.axis[1] = y, ray.axis[2] = z;
+    ray.shear[0] = direction[x] / direction[z];
+    ray.shear[1] = direction[y] / direction[z];
+    ray.shear[2] = 1.0 / direction[z];
+
+    float from[3], towards[3];
+    for (size_t k = 0; k < 3; ++k) {
+        from[k] = (float)((origin[k] + enter * direction[k] - bvh->centre[k]) * bvh->scale);
+        towards[k] = (float)(direction[k] / length);
+        if (!isfinite(from[k])) {
+            return miss; // Embree may end the process when it is given such a ray
+        }
+    }
+    struct RTCRayHit search = {.ray = {.org_x = from[0],
+                                       .org_y = from[1],
+                                       .org_z = from[2],
+                                       .dir_x = towards[0],
+                                       .dir_y = towards[1],
+                                       .dir_z = towards[2],
+                                       .tfar = (float)((leave - enter) * ray.local_rate + PADDING),
+                                       .mask = UINT32_MAX},
+                               .hit = {.geomID = RTC_INVALID_GEOMETRY_ID}};
+    rtcInitIntersectContext(&ray.context);
+    rtcIntersect1(bvh->scene, &ray.context, &search);
+    return ray.best.triangle == PC_INVALID_INDEX ? miss : ray.best;
 }

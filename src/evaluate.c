@@ -1,13 +1,452 @@
 #include "proxycloth/evaluate.h"
 
+#include "core/bvh.h"
 #include "core/core.h"
+#include "core/crossing.h"
+#include "core/hausdorff.h"
+#include "core/topology.h"
 
-const pc_record pc_measures_record = {0};
+static const char stage[] = "evaluate";
+
+#define SAMPLE_COUNT       4096 // of the doubled area: standard error below .8 %
+#define DOUBLED_REACH      2.0  // voxels of D / 32, the paper's resolution
+#define DOUBLED_COSINE     0.8  // layers whose normals differ by less than 37 degrees
+#define DISTANCE_TOLERANCE 1e-4 // of the diagonal
+
+#define COUNT(member, help)           PCI_FIELD_REPORT(pc_measures, member, COUNT, "", help)
+#define NUMBER(member, unit, help)    PCI_FIELD_REPORT(pc_measures, member, DOUBLE, unit, help)
+#define DEFECT(member, help, warning) PCI_FIELD_WARNING(pc_measures, member, COUNT, help, warning)
+
+static const pc_field measure_fields[] = {
+    COUNT(vertices, "Vertices that a triangle of the proxy uses"),
+    COUNT(triangles, "Triangles of the proxy"),
+    COUNT(components, "Parts connected by shared edges"),
+    COUNT(boundary_loops, "Closed chains of edges with one triangle"),
+    NUMBER(euler_number, "", "Vertices - edges + triangles"),
+    DEFECT(nonmanifold_edges, "Edges of more than two triangles",
+           "the proxy has edges of more than two triangles"),
+    DEFECT(nonmanifold_vertices, "Vertices whose triangles form more than one fan",
+           "the proxy has vertices whose triangles form more than one fan"),
+    NUMBER(doubled_area, "",
+           "Share of the proxy's area with a second, nearly parallel layer within 1/16 of the "
+           "visual mesh's longest side"),
+    DEFECT(self_intersections, "Pairs of triangles that cross", "the proxy crosses itself"),
+    NUMBER(hausdorff, "diagonal", "Two-sided Hausdorff distance"),
+    NUMBER(hausdorff_visual_to_proxy, "diagonal",
+           "Largest distance of the visual mesh from the proxy"),
+    NUMBER(hausdorff_proxy_to_visual, "diagonal",
+           "Largest distance of the proxy from the visual mesh"),
+    NUMBER(hausdorff_unit_cube, "",
+           "Two-sided Hausdorff distance with the visual mesh scaled into [-1, 1]^3"),
+    NUMBER(min_angle_mean, "degrees", "Smallest angle of a triangle, mean"),
+    NUMBER(min_angle_sd, "degrees", "Smallest angle of a triangle, standard deviation"),
+    NUMBER(min_angle_worst, "degrees", "Smallest angle of all triangles"),
+    NUMBER(edge_ratio_mean, "", "Shortest over longest edge, mean"),
+    NUMBER(edge_ratio_sd, "", "Shortest over longest edge, standard deviation"),
+    NUMBER(edge_ratio_worst, "", "Shortest over longest edge, worst triangle"),
+    NUMBER(aspect_ratio_mean, "", "2/sqrt(3) smallest height over longest edge, mean"),
+    NUMBER(aspect_ratio_sd, "", "2/sqrt(3) smallest height over longest edge, standard deviation"),
+    NUMBER(aspect_ratio_worst, "", "2/sqrt(3) smallest height over longest edge, worst triangle"),
+    NUMBER(radius_ratio_mean, "", "2 inradius over circumradius, mean"),
+    NUMBER(radius_ratio_sd, "", "2 inradius over circumradius, standard deviation"),
+    NUMBER(radius_ratio_worst, "", "2 inradius over circumradius, worst triangle"),
+};
+const pc_record pc_measures_record = PCI_RECORD(measure_fields, pc_measures);
+
+static pc_status check_mesh(pc_context *context, const pc_mesh *mesh, const char *name) {
+    if (mesh->triangle_count == 0) {
+        return pci_fail(context, PC_ERROR_INVALID_MESH, stage, "%s: the %s mesh has no triangle",
+                        stage, name);
+    }
+    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
+        const uint32_t v = mesh->triangles[i];
+        if (v >= mesh->vertex_count) {
+            return pci_fail(context, PC_ERROR_INVALID_MESH, stage,
+                            "%s: triangle %zu of the %s mesh uses vertex %u of %zu", stage, i / 3,
+                            name, v, mesh->vertex_count);
+        }
+        for (size_t k = 0; k < 3; ++k) {
+            if (!(fabs(mesh->positions[3 * (size_t)v + k]) <= 1e30)) {
+                return pci_fail(context, PC_ERROR_INVALID_MESH, stage,
+                                "%s: vertex %u of the %s mesh is not finite or beyond 1e30", stage,
+                                v, name);
+            }
+        }
+    }
+    return PC_OK;
+}
+
+// ---- topology ---------------------------------------------------------------------------------
+
+static uint32_t find_root(uint32_t *parent, uint32_t i) {
+    while (parent[i] != i) {
+        parent[i] = parent[parent[i]];
+        i = parent[i];
+    }
+    return i;
+}
+
+// Returns whether they were apart.
+static bool join(uint32_t *parent, uint32_t a, uint32_t b) {
+    const uint32_t x = find_root(parent, a), y = find_root(parent, b);
+    parent[x > y ? x : y] = x > y ? y : x;
+    return x != y;
+}
+
+static uint32_t corner_at(const pc_mesh *mesh, uint32_t triangle, uint32_t vertex) {
+    const uint32_t *corner = &mesh->triangles[3 * (size_t)triangle];
+    return 3 * triangle + (corner[0] == vertex ? 0U : corner[1] == vertex ? 1U : 2U);
+}
+
+// Fans are classes of corners joined across the edges at a vertex.
+static void join_fans(const pci_topology *topology, const pc_mesh *mesh, uint32_t *fan) {
+    for (size_t c = 0; c < 3 * mesh->triangle_count; ++c) {
+        fan[c] = (uint32_t)c;
+    }
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        const size_t begin = topology->edge_triangle_offsets[e];
+        for (size_t k = begin + 1; k < topology->edge_triangle_offsets[e + 1]; ++k) {
+            for (size_t end = 0; end < 2; ++end) {
+                const uint32_t v = topology->edges[2 * e + end];
+                join(fan, corner_at(mesh, topology->edge_triangles[begin], v),
+                     corner_at(mesh, topology->edge_triangles[k], v));
+            }
+        }
+    }
+}
+
+static void count_vertices(const pci_topology *topology, const pc_mesh *mesh, uint32_t *fan,
+                           pc_measures *measures) {
+    for (size_t v = 0; v < mesh->vertex_count; ++v) {
+        const size_t begin = topology->vertex_triangle_offsets[v];
+        const size_t end = topology->vertex_triangle_offsets[v + 1];
+        bool one_fan = true;
+        for (size_t k = begin + 1; k < end && one_fan; ++k) {
+            const uint32_t a = corner_at(mesh, topology->vertex_triangles[begin], (uint32_t)v);
+            const uint32_t b = corner_at(mesh, topology->vertex_triangles[k], (uint32_t)v);
+            one_fan = find_root(fan, a) == find_root(fan, b);
+        }
+        measures->vertices += begin < end;
+        measures->nonmanifold_vertices += !one_fan;
+    }
+}
+
+// Boundary edges that end at the same fan belong to one loop. Unlike pci_boundary_loops this needs
+// no consistent winding. `first` is zeroed.
+static uint64_t count_boundary_loops(const pci_topology *topology, const pc_mesh *mesh,
+                                     uint32_t *fan, uint32_t *loop, uint32_t *first) {
+    uint64_t loops = 0;
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        const size_t begin = topology->edge_triangle_offsets[e];
+        if (topology->edge_triangle_offsets[e + 1] - begin != 1) {
+            continue;
+        }
+        loop[e] = (uint32_t)e;
+        ++loops;
+        for (size_t end = 0; end < 2; ++end) {
+            const uint32_t v = topology->edges[2 * e + end];
+            const uint32_t at = find_root(fan, corner_at(mesh, topology->edge_triangles[begin], v));
+            if (first[at] == 0) {
+                first[at] = (uint32_t)e + 1;
+            } else {
+                loops -= join(loop, (uint32_t)e, first[at] - 1);
+            }
+        }
+    }
+    return loops;
+}
+
+static pc_status measure_topology(pc_context *context, const pc_mesh *proxy,
+                                  pc_measures *measures) {
+    pci_scratch scratch = pci_scratch_begin(context);
+    pc_status status = PC_OK;
+    // Triangles with a repeated vertex are edges or points and no part of the surface.
+    pc_mesh surface = *proxy;
+    surface.triangle_count = 0;
+    surface.triangles = PCI_SCRATCH(&scratch, uint32_t, 3 * proxy->triangle_count);
+    if (scratch.failed) {
+        status = pci_fail_memory(context, stage);
+        goto cleanup;
+    }
+    for (size_t t = 0; t < proxy->triangle_count; ++t) {
+        const uint32_t *corner = &proxy->triangles[3 * t];
+        if (corner[0] != corner[1] && corner[1] != corner[2] && corner[2] != corner[0]) {
+            memcpy(&surface.triangles[3 * surface.triangle_count++], corner, 3 * sizeof(*corner));
+        }
+    }
+    pci_topology topology;
+    uint32_t *component = PCI_SCRATCH(&scratch, uint32_t, surface.triangle_count);
+    uint32_t *fan = PCI_SCRATCH(&scratch, uint32_t, 3 * surface.triangle_count);
+    uint32_t *first = PCI_SCRATCH(&scratch, uint32_t, 3 * surface.triangle_count);
+    if (scratch.failed || !pci_topology_build(&scratch, &surface, &topology)) {
+        status = pci_fail_memory(context, stage);
+        goto cleanup;
+    }
+    uint32_t *loop = PCI_SCRATCH(&scratch, uint32_t, topology.edge_count);
+    measures->components = pci_triangle_components(&scratch, &surface, &topology, component);
+    if (scratch.failed) {
+        status = pci_fail_memory(context, stage);
+        goto cleanup;
+    }
+    join_fans(&topology, &surface, fan);
+    count_vertices(&topology, &surface, fan, measures);
+    measures->triangles = proxy->triangle_count;
+    measures->boundary_loops = count_boundary_loops(&topology, &surface, fan, loop, first);
+    measures->nonmanifold_edges = pci_nonmanifold_edge_count(&topology);
+    measures->euler_number =
+        (double)measures->vertices - (double)topology.edge_count + (double)surface.triangle_count;
+
+cleanup:
+    pci_scratch_end(&scratch);
+    return status;
+}
+
+// ---- doubled layers ---------------------------------------------------------------------------
+
+typedef struct sampling {
+    const pc_mesh *mesh;
+    const pci_bvh *bvh;
+    const double *areas; // summed up to and with each triangle
+    double reach;
+    uint8_t *doubled; // per sample
+} sampling;
+
+typedef struct layer_filter {
+    const pc_mesh *mesh;
+    uint32_t triangle;
+    double normal[3];
+} layer_filter;
+
+static bool unit_normal(const pc_mesh *mesh, size_t triangle, double normal[3]) {
+    const uint32_t *corner = &mesh->triangles[3 * triangle];
+    double ab[3], ac[3];
+    pci_sub(&mesh->positions[3 * (size_t)corner[1]], &mesh->positions[3 * (size_t)corner[0]], ab);
+    pci_sub(&mesh->positions[3 * (size_t)corner[2]], &mesh->positions[3 * (size_t)corner[0]], ac);
+    pci_cross(ab, ac, normal);
+    return pci_normalize(normal);
+}
+
+// Accepts triangles of another layer: apart from the sampled one, and nearly parallel to it.
+static bool is_other_layer(void *user, const pci_hit *hit) {
+    const layer_filter *filter = user;
+    const uint32_t *a = &filter->mesh->triangles[3 * (size_t)filter->triangle];
+    const uint32_t *b = &filter->mesh->triangles[3 * (size_t)hit->triangle];
+    for (size_t i = 0; i < 3; ++i) {
+        if (a[i] == b[0] || a[i] == b[1] || a[i] == b[2]) {
+            return false;
+        }
+    }
+    double normal[3];
+    return unit_normal(filter->mesh, hit->triangle, normal) &&
+           fabs(pci_dot(normal, filter->normal)) > DOUBLED_COSINE;
+}
+
+// Casts one ray through each sample, from `reach` before to `reach` behind the surface.
+static void cast_samples(void *user, size_t begin, size_t end, uint32_t worker) {
+    sampling *s = user;
+    (void)worker;
+    const double total = s->areas[s->mesh->triangle_count - 1];
+    for (size_t i = begin; i < end; ++i) {
+        // Stratified by area over the triangles, uniform within one.
+        const double target = total * (((double)i + pci_random(0, 0, i)) / SAMPLE_COUNT);
+        size_t low = 0, high = s->mesh->triangle_count - 1;
+        while (low < high) {
+            const size_t middle = (low + high) / 2;
+            if (s->areas[middle] > target) {
+                high = middle;
+            } else {
+                low = middle + 1;
+            }
+        }
+        layer_filter filter = {.mesh = s->mesh, .triangle = (uint32_t)low};
+        if (!unit_normal(s->mesh, low, filter.normal)) {
+            continue;
+        }
+        const double root = sqrt(pci_random(0, 1, i)), along = pci_random(0, 2, i);
+        const double weight[3] = {1.0 - root, root * (1.0 - along), root * along};
+        double origin[3];
+        for (size_t k = 0; k < 3; ++k) {
+            origin[k] = -s->reach * filter.normal[k];
+            for (size_t c = 0; c < 3; ++c) {
+                const size_t v = s->mesh->triangles[3 * low + c];
+                origin[k] += weight[c] * s->mesh->positions[3 * v + k];
+            }
+        }
+        const pci_hit hit = pci_bvh_cast(s->bvh, origin, filter.normal, 0.0, 2.0 * s->reach,
+                                         is_other_layer, &filter);
+        s->doubled[i] = hit.triangle != PC_INVALID_INDEX;
+    }
+}
+
+static pc_status measure_doubled_area(pc_context *context, const pc_mesh *proxy, const pci_bvh *bvh,
+                                      double reach, double *doubled_area) {
+    pci_scratch scratch = pci_scratch_begin(context);
+    double *areas = PCI_SCRATCH(&scratch, double, proxy->triangle_count);
+    uint8_t *doubled = PCI_SCRATCH(&scratch, uint8_t, SAMPLE_COUNT);
+    if (scratch.failed) {
+        pci_scratch_end(&scratch);
+        return pci_fail_memory(context, stage);
+    }
+    double total = 0.0;
+    for (size_t t = 0; t < proxy->triangle_count; ++t) {
+        total += pci_triangle_area(proxy, t);
+        areas[t] = total;
+    }
+    sampling s = {proxy, bvh, areas, reach, doubled};
+    uint32_t count = 0;
+    if (total > 0.0) {
+        pci_parallel_for(context, SAMPLE_COUNT, 128, cast_samples, &s);
+        for (size_t i = 0; i < SAMPLE_COUNT; ++i) {
+            count += doubled[i];
+        }
+    }
+    *doubled_area = (double)count / SAMPLE_COUNT;
+    pci_scratch_end(&scratch);
+    return PC_OK;
+}
+
+// ---- distance ---------------------------------------------------------------------------------
+
+static void used_box(const pc_mesh *mesh, double minimum[3], double maximum[3]) {
+    for (size_t k = 0; k < 3; ++k) {
+        minimum[k] = INFINITY, maximum[k] = -INFINITY;
+        for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
+            const double x = mesh->positions[3 * (size_t)mesh->triangles[i] + k];
+            minimum[k] = fmin(minimum[k], x);
+            maximum[k] = fmax(maximum[k], x);
+        }
+    }
+}
+
+static pc_status measure_space(pc_context *context, const pc_mesh *visual, const pc_mesh *proxy,
+                               pc_measures *measures) {
+    double minimum[3], maximum[3], size[3];
+    used_box(visual, minimum, maximum);
+    pci_sub(maximum, minimum, size);
+    const double diagonal = pci_norm(size), longest = fmax(fmax(size[0], size[1]), size[2]);
+    if (!(diagonal > 0.0)) {
+        return pci_fail(context, PC_ERROR_INVALID_MESH, stage,
+                        "%s: all positions of the visual mesh are equal", stage);
+    }
+    pci_bvh *visual_bvh = NULL, *proxy_bvh = NULL;
+    double there = 0.0, back = 0.0;
+    const double tolerance = DISTANCE_TOLERANCE * diagonal;
+    pc_status status = pci_bvh_create(context, stage, visual, &visual_bvh);
+    if (status == PC_OK) {
+        status = pci_bvh_create(context, stage, proxy, &proxy_bvh);
+    }
+    if (status == PC_OK) {
+        status =
+            pci_directed_hausdorff(context, stage, visual, proxy, proxy_bvh, tolerance, &there);
+    }
+    if (status == PC_OK) {
+        status =
+            pci_directed_hausdorff(context, stage, proxy, visual, visual_bvh, tolerance, &back);
+    }
+    if (status == PC_OK) {
+        status = measure_doubled_area(context, proxy, proxy_bvh, DOUBLED_REACH * longest / 32.0,
+                                      &measures->doubled_area);
+    }
+    measures->hausdorff_visual_to_proxy = there / diagonal;
+    measures->hausdorff_proxy_to_visual = back / diagonal;
+    measures->hausdorff = fmax(there, back) / diagonal;
+    measures->hausdorff_unit_cube = 2.0 * fmax(there, back) / longest;
+    pci_bvh_destroy(context, proxy_bvh);
+    pci_bvh_destroy(context, visual_bvh);
+    return status;
+}
+
+// ---- shape of the triangles -------------------------------------------------------------------
+
+typedef enum quality { MIN_ANGLE, EDGE_RATIO, ASPECT_RATIO, RADIUS_RATIO, QUALITY_COUNT } quality;
+
+// All 0 for a triangle without area.
+static void triangle_qualities(const pc_mesh *mesh, size_t triangle, double value[QUALITY_COUNT]) {
+    const uint32_t *corner = &mesh->triangles[3 * triangle];
+    double edge[3];
+    for (size_t c = 0; c < 3; ++c) {
+        edge[c] = sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)corner[(c + 1) % 3]],
+                                            &mesh->positions[3 * (size_t)corner[(c + 2) % 3]]));
+    }
+    const double area = pci_triangle_area(mesh, triangle);
+    const double longest = fmax(fmax(edge[0], edge[1]), edge[2]);
+    const double shortest = fmin(fmin(edge[0], edge[1]), edge[2]);
+    memset(value, 0, QUALITY_COUNT * sizeof(*value));
+    if (!(area > 0.0) || !(shortest > 0.0)) {
+        return;
+    }
+    // The smallest angle is opposite to the shortest edge; tan = sin / cos from area and edges.
+    const double squares = edge[0] * edge[0] + edge[1] * edge[1] + edge[2] * edge[2];
+    const double angle = atan2(4.0 * area, squares - 2.0 * shortest * shortest);
+    const double half_perimeter = 0.5 * (edge[0] + edge[1] + edge[2]);
+    value[MIN_ANGLE] = angle * (180.0 / acos(-1.0));
+    value[EDGE_RATIO] = shortest / longest;
+    value[ASPECT_RATIO] = 2.0 / sqrt(3.0) * (2.0 * area / longest) / longest;
+    value[RADIUS_RATIO] = 8.0 * area * area / (half_perimeter * edge[0] * edge[1] * edge[2]);
+}
+
+static pc_status measure_triangles(pc_context *context, const pc_mesh *proxy,
+                                   pc_measures *measures) {
+    pci_scratch scratch = pci_scratch_begin(context);
+    const size_t count = proxy->triangle_count;
+    double *values = PCI_SCRATCH(&scratch, double, QUALITY_COUNT *count);
+    if (scratch.failed) {
+        pci_scratch_end(&scratch);
+        return pci_fail_memory(context, stage);
+    }
+    for (size_t t = 0; t < count; ++t) {
+        triangle_qualities(proxy, t, &values[QUALITY_COUNT * t]);
+    }
+    double *const targets[QUALITY_COUNT][3] = {
+        {&measures->min_angle_mean, &measures->min_angle_sd, &measures->min_angle_worst},
+        {&measures->edge_ratio_mean, &measures->edge_ratio_sd, &measures->edge_ratio_worst},
+        {&measures->aspect_ratio_mean, &measures->aspect_ratio_sd, &measures->aspect_ratio_worst},
+        {&measures->radius_ratio_mean, &measures->radius_ratio_sd, &measures->radius_ratio_worst},
+    };
+    for (size_t q = 0; q < QUALITY_COUNT; ++q) {
+        double sum = 0.0, squares = 0.0, worst = INFINITY;
+        for (size_t t = 0; t < count; ++t) {
+            sum += values[QUALITY_COUNT * t + q];
+            worst = fmin(worst, values[QUALITY_COUNT * t + q]);
+        }
+        const double mean = sum / (double)count;
+        for (size_t t = 0; t < count; ++t) {
+            const double offset = values[QUALITY_COUNT * t + q] - mean;
+            squares += offset * offset;
+        }
+        *targets[q][0] = mean;
+        *targets[q][1] = sqrt(squares / (double)count);
+        *targets[q][2] = worst;
+    }
+    pci_scratch_end(&scratch);
+    return PC_OK;
+}
 
 pc_status pc_evaluate(pc_context *context, const pc_mesh *visual, const pc_mesh *proxy,
                       pc_measures *measures) {
-    (void)visual;
-    (void)proxy;
-    (void)measures;
-    return pci_fail(context, PC_ERROR_UNSUPPORTED, "evaluate", "evaluate: not written yet");
+    if (visual == NULL || proxy == NULL || measures == NULL) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage, "%s: an argument is NULL",
+                        stage);
+    }
+    memset(measures, 0, sizeof(*measures));
+    pc_status status = check_mesh(context, visual, "visual");
+    if (status == PC_OK) {
+        status = check_mesh(context, proxy, "proxy");
+    }
+    if (status == PC_OK) {
+        status = measure_topology(context, proxy, measures);
+    }
+    if (status == PC_OK) {
+        status = measure_space(context, visual, proxy, measures);
+    }
+    if (status == PC_OK) {
+        status = pci_count_self_intersections(context, stage, proxy, &measures->self_intersections);
+    }
+    if (status == PC_OK) {
+        status = measure_triangles(context, proxy, measures);
+    }
+    if (status != PC_OK) {
+        memset(measures, 0, sizeof(*measures));
+    }
+    return status;
 }

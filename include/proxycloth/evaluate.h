@@ -1,4 +1,27 @@
 /// Measures of a proxy mesh against its visual mesh; independent of how the proxy was made.
+///
+/// Any two meshes can be compared: closed, open, non-manifold, with degenerate or duplicate
+/// triangles. Positions may be in any unit; only ratios and angles are reported.
+/// - Topology. Triangles with a repeated vertex are no part of the surface. Vertices are equal when
+///   their indices are; the winding does not matter. Parts and loops that meet at a vertex only are
+///   counted separately (and the vertex as non-manifold): neither a cloth solver nor cloth connects
+///   them.
+/// - Doubled area. 4096 area-uniform samples; one is doubled when the surface normal through it
+/// hits,
+///   within D / 16 on either side (two voxels at the paper's resolution; D = longest side of the
+///   visual mesh's box), a triangle that shares no vertex with the sampled one and is parallel to
+///   it within 37 degrees. A closed shell around thin cloth gives 1, a single layer 0, and so do
+///   hems and close folds whose walls are neighbours; garments that really lie in two layers this
+///   close, for example a folded shirt, count too. Standard error at most .008.
+/// - Self-intersections. Pairs that share an edge never count; pairs that share a vertex do when
+/// they
+///   cross beyond it. Touching and coplanar overlap are no crossing.
+/// - Distances. Hausdorff distances between the surfaces, not only their vertices, by branch and
+///   bound: attained, and below the true value by at most 1e-4 of the diagonal and 1e-4 of the
+///   distance. The paper's unit is taken to be `hausdorff_unit_cube`.
+/// - Shape. Mean, standard deviation over the triangles, and the worst one; 0 for a triangle
+/// without
+///   area, 1 (60 degrees) for an equilateral one.
 #ifndef PROXYCLOTH_EVALUATE_H
 #define PROXYCLOTH_EVALUATE_H
 
@@ -10,16 +33,16 @@ extern "C" {
 #endif
 
 typedef struct pc_measures {
-    uint64_t vertices;
-    uint64_t triangles;
-    uint64_t components;
-    uint64_t boundary_loops;
-    double euler_number; ///< V - E + F, may be negative
-    uint64_t nonmanifold_edges;
-    uint64_t nonmanifold_vertices;
-    double doubled_area; ///< share of the area with a second, nearly parallel layer right behind it
-    uint64_t self_intersections; ///< pairs of triangles that cross and share no vertex
-    double hausdorff;            ///< two-sided, over the visual mesh's bounding-box diagonal
+    uint64_t vertices;             ///< that a triangle uses
+    uint64_t triangles;            ///< all
+    uint64_t components;           ///< connected by shared edges
+    uint64_t boundary_loops;       ///< of edges with one triangle
+    double euler_number;           ///< V - E + F, may be negative
+    uint64_t nonmanifold_edges;    ///< of more than two triangles
+    uint64_t nonmanifold_vertices; ///< whose triangles form more than one fan
+    double doubled_area;           ///< share of the area with a second layer close by, 0..1
+    uint64_t self_intersections;   ///< pairs of triangles that cross
+    double hausdorff;              ///< two-sided, over the visual mesh's bounding-box diagonal
     double hausdorff_visual_to_proxy;
     double hausdorff_proxy_to_visual;
     double hausdorff_unit_cube; ///< two-sided, visual mesh scaled into [-1, 1]^3
@@ -31,8 +54,12 @@ typedef struct pc_measures {
 
 extern const pc_record pc_measures_record;
 
-/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_MESH; PC_ERROR_OUT_OF_MEMORY;
-///         PC_ERROR_DEPENDENCY.
+/// Measures `proxy` against `visual`.
+/// @param[out] measures  overwritten; all zero on failure.
+/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (NULL); PC_ERROR_INVALID_MESH (no triangle, index out
+/// of
+///         range, coordinate not finite or beyond 1e30, all positions of `visual` equal);
+///         PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY (Embree failed).
 PC_NODISCARD pc_status pc_evaluate(pc_context *context, const pc_mesh *visual, const pc_mesh *proxy,
                                    pc_measures *measures);
 

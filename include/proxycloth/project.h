@@ -1,9 +1,13 @@
 /// Stage 3 of 9, project: closed mesh -> the same mesh pulled onto the garment.
 ///
 /// Minimises equation (1): sum_i |v_i - p_i|^2 + lambda_L sum_i |v_i - mean of its 1-ring|^2, where
-/// p_i is the point of the visual mesh nearest to v_i. Two solvers: VectorAdam as in the paper
-/// (nearest points refreshed every iteration), and alternation of nearest points with one sparse
-/// Cholesky factor of I + lambda_L L^T L.
+/// p_i is the point of the visual mesh nearest to v_i. Two solvers, both with new nearest points in
+/// every iteration: VectorAdam as in the paper, and the exact minimum for fixed p_i from one sparse
+/// Cholesky factor of I + lambda_L L^T L. The latter never raises the energy and stops when an
+/// iteration lowers it by less than half a percent.
+///
+/// DEVIATION from the paper, which uses VectorAdam: the Cholesky solver is the default; it reaches
+/// lower energies in less than half the time and turns fewer triangles over.
 ///
 /// Postconditions: same triangles as the input, finite positions.
 #ifndef PROXYCLOTH_PROJECT_H
@@ -22,10 +26,10 @@ typedef enum pc_project_solver {
 } pc_project_solver;
 
 typedef struct pc_project_options {
-    uint32_t projection_solver; ///< pc_project_solver
-    uint32_t projection_iterations;
-    double lambda_laplacian; ///< lambda_L of equation (1)
-    double projection_step;  ///< VectorAdam learning rate, in voxels
+    uint32_t projection_solver;     ///< pc_project_solver
+    uint32_t projection_iterations; ///< at most; 0: 100 for VectorAdam, 20 for Cholesky
+    double lambda_laplacian;        ///< lambda_L of equation (1)
+    double projection_step;         ///< VectorAdam learning rate, in voxels
 } pc_project_options;
 
 typedef struct pc_project_report {

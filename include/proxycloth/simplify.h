@@ -37,6 +37,8 @@ typedef struct pc_simplify_report {
     uint64_t boundary_loops;
     uint64_t removed_triangles; ///< by the manifold repair
     uint64_t split_vertices;
+    uint64_t dropped_parts;    ///< parts too small for N_p
+    uint64_t surplus_vertices; ///< that narrow parts needed on top of one per cluster
     uint64_t iterations;
     uint32_t shortfall; ///< pc_simplify_shortfall
 } pc_simplify_report;

@@ -235,6 +235,25 @@ static bool visit_triangle(struct RTCPointQueryFunctionArguments *arguments) {
     return false;
 }
 
+// Embree's form of a point query: the point, and `radius` with all the rounding and padding added.
+// `slack` is what a later, smaller radius needs on top.
+static struct RTCPointQuery search_around(const pci_bvh *bvh, const double point[3], double radius,
+                                          double *slack) {
+    double local[3], largest = 0.0;
+    for (size_t k = 0; k < 3; ++k) {
+        local[k] = (point[k] - bvh->centre[k]) * bvh->scale;
+        largest = fmax(largest, fabs(local[k]));
+    }
+    struct RTCPointQuery search = {.radius = INFINITY};
+    *slack = INFINITY;
+    if (largest <= FARTHEST_POINT) {
+        search.x = (float)local[0], search.y = (float)local[1], search.z = (float)local[2];
+        *slack = 4.0 * (double)FLT_EPSILON * (largest + 1.0);
+        search.radius = (float)(radius * bvh->scale * (1.0 + 1e-6) + *slack);
+    }
+    return search;
+}
+
 pci_closest pci_bvh_closest(const pci_bvh *bvh, const double point[3], double radius) {
     pci_closest closest = {.triangle = PC_INVALID_INDEX};
     closest_query query = {.bvh = bvh,
@@ -245,19 +264,7 @@ pci_closest pci_bvh_closest(const pci_bvh *bvh, const double point[3], double ra
     if (!(radius >= 0.0) || !isfinite(point[0] + point[1] + point[2])) {
         return closest;
     }
-    double local[3], largest = 0.0;
-    for (size_t k = 0; k < 3; ++k) {
-        local[k] = (point[k] - bvh->centre[k]) * bvh->scale;
-        largest = fmax(largest, fabs(local[k]));
-    }
-    struct RTCPointQuery search = {.radius = INFINITY};
-    if (largest <= FARTHEST_POINT) {
-        search.x = (float)local[0], search.y = (float)local[1], search.z = (float)local[2];
-        query.slack = 4.0 * (double)FLT_EPSILON * (largest + 1.0);
-        search.radius = (float)(radius * bvh->scale * (1.0 + 1e-6) + query.slack);
-    } else {
-        query.slack = INFINITY;
-    }
+    struct RTCPointQuery search = search_around(bvh, point, radius, &query.slack);
     struct RTCPointQueryContext search_context;
     rtcInitPointQueryContext(&search_context);
     rtcPointQuery(bvh->scene, &search, &search_context, visit_triangle, &query);
@@ -274,6 +281,52 @@ pci_closest pci_bvh_closest(const pci_bvh *bvh, const double point[3], double ra
         }
     }
     return closest;
+}
+
+typedef struct collection {
+    const pc_mesh *mesh;
+    const double *point;
+    double squared_radius;
+    size_t count, capacity;
+    uint32_t *triangles;
+} collection;
+
+static bool collect_triangle(struct RTCPointQueryFunctionArguments *arguments) {
+    collection *found = arguments->userPtr;
+    const pc_mesh *mesh = found->mesh;
+    const uint32_t t = arguments->primID;
+    double barycentric[3];
+    if (found->count <= found->capacity &&
+        pci_triangle_squared_distance(found->point, corner(mesh, t, 0), corner(mesh, t, 1),
+                                      corner(mesh, t, 2), barycentric) <= found->squared_radius) {
+        if (found->count < found->capacity) {
+            found->triangles[found->count] = t;
+        }
+        ++found->count;
+    }
+    if (found->count <= found->capacity || arguments->query->radius == 0.0f) {
+        return false;
+    }
+    arguments->query->radius = 0.0f; // enough
+    return true;
+}
+
+size_t pci_bvh_collect(const pci_bvh *bvh, const double point[3], double radius, size_t capacity,
+                       uint32_t *triangles) {
+    if (!(radius >= 0.0) || !isfinite(point[0] + point[1] + point[2])) {
+        return 0;
+    }
+    collection found = {.mesh = bvh->mesh,
+                        .point = point,
+                        .squared_radius = radius * radius,
+                        .capacity = capacity,
+                        .triangles = triangles};
+    double slack = 0.0;
+    struct RTCPointQuery search = search_around(bvh, point, radius, &slack);
+    struct RTCPointQueryContext search_context;
+    rtcInitPointQueryContext(&search_context);
+    rtcPointQuery(bvh->scene, &search, &search_context, collect_triangle, &found);
+    return found.count;
 }
 
 // ---- rays ---------------------------------------------------------------------------------------

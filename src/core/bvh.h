@@ -24,6 +24,11 @@ typedef struct pci_closest {
 // The closest point of the mesh within `radius` (INFINITY allowed).
 pci_closest pci_bvh_closest(const pci_bvh *bvh, const double point[3], double radius);
 
+// Collects the triangles within `radius`, in no particular order. Returns their number, or
+// capacity + 1 when there are more than fit; then `triangles` holds some of them.
+size_t pci_bvh_collect(const pci_bvh *bvh, const double point[3], double radius, size_t capacity,
+                       uint32_t *triangles);
+
 typedef struct pci_hit {
     uint32_t triangle; // PC_INVALID_INDEX: no hit
     double distance;   // along the direction, in units of its length

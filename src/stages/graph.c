@@ -1,6 +1,12 @@
 #include "proxycloth/graph.h"
 
-#include "core/core.h"
+#include <stdlib.h>
+
+#include "core/bvh.h"
+#include "core/topology.h"
+
+#define STAGE "graph"
+#define GRAIN 64
 
 static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_graph_options, opposite_reach, DOUBLE, 2.0, 0.1, 10.0, "voxels",
@@ -8,28 +14,402 @@ static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_graph_options, opposite_epsilon, DOUBLE, 0.1, 0.0, 1.0, "",
                      "epsilon_o: opposite normals have a dot product below -1 + epsilon_o"),
     PCI_FIELD_OPTION(pc_graph_options, inward_offset, DOUBLE, 0.25, 0.0, 2.0, "voxels",
-                     "Start of the inward ray outside the vertex"),
+                     "Start of the ray for opposite vertices, outside the vertex"),
     PCI_FIELD_OPTION(pc_graph_options, outward_offset, DOUBLE, 0.5, 0.0, 2.0, "voxels",
-                     "Start of the outward ray outside the vertex"),
+                     "Start of the ray for the outer distance, outside the vertex"),
 };
 const pc_record pc_graph_options_record = PCI_RECORD(option_fields, pc_graph_options);
 
 static const pc_field report_fields[] = {
-    PCI_FIELD_REPORT(pc_graph_report, edges, COUNT, "", ""),
-    PCI_FIELD_REPORT(pc_graph_report, opposite_edges, COUNT, "", ""),
-    PCI_FIELD_REPORT(pc_graph_report, biased_edges, COUNT, "", ""),
-    PCI_FIELD_REPORT(pc_graph_report, opposite_fraction, DOUBLE, "", ""),
-    PCI_FIELD_REPORT(pc_graph_report, max_curvature, DOUBLE, "", ""),
+    PCI_FIELD_REPORT(pc_graph_report, edges, COUNT, "", "Mesh edges, the smoothness terms"),
+    PCI_FIELD_REPORT(pc_graph_report, opposite_edges, COUNT, "",
+                     "Pairs of vertices on the two sides of a sheet"),
+    PCI_FIELD_REPORT(pc_graph_report, biased_edges, COUNT, "",
+                     "Opposite edges that know which side is the outer one"),
+    PCI_FIELD_REPORT(pc_graph_report, opposite_fraction, DOUBLE, "",
+                     "Share of the vertices with an opposite vertex"),
+    PCI_FIELD_REPORT(pc_graph_report, max_curvature, DOUBLE, "1/voxel",
+                     "Largest absolute mean curvature"),
 };
 const pc_record pc_graph_report_record = PCI_RECORD(report_fields, pc_graph_report);
+
+// What the parallel parts share.
+typedef struct work {
+    const pc_mesh *mesh;
+    const pci_topology *topology;
+    const double *normals;
+    double *curvatures;
+    const pci_bvh *bvh;
+    const pc_graph_options *options;
+    double cell_size;
+    double *outer_distances;
+    uint32_t *found; // #V by 3, opposite vertices of each vertex
+} work;
+
+// ---- mean curvature -----------------------------------------------------------------------------
+
+#define TERMS          5   // x^2, x y, y^2, x, y
+#define NEIGHBOURS     128 // of one fit; more do not add information
+#define RANK_TOLERANCE 1e-3
+
+// Least squares by Householder reflections with column exchanges: rows[r] holds TERMS coefficients
+// and the right-hand side. Columns that add less than RANK_TOLERANCE of the largest one are left
+// out, with solution 0. Returns the rank.
+static size_t least_squares(double rows[][TERMS + 1], size_t row_count, double solution[TERMS]) {
+    size_t order[TERMS], rank = 0;
+    double first_norm = 0.0;
+    for (size_t c = 0; c < TERMS; ++c) {
+        order[c] = c, solution[c] = 0.0;
+    }
+    for (; rank < TERMS && rank < row_count; ++rank) {
+        // Exchange the longest remaining column to the front.
+        size_t best = rank;
+        double longest = -1.0;
+        for (size_t c = rank; c < TERMS; ++c) {
+            double square = 0.0;
+            for (size_t r = rank; r < row_count; ++r) {
+                square += rows[r][order[c]] * rows[r][order[c]];
+            }
+            if (square > longest) {
+                longest = square, best = c;
+            }
+        }
+        const double norm = sqrt(longest);
+        first_norm = rank == 0 ? norm : first_norm;
+        if (!(norm > RANK_TOLERANCE * first_norm)) {
+            break;
+        }
+        const size_t column = order[best];
+        order[best] = order[rank], order[rank] = column;
+
+        // Reflect it onto the axis, and the other columns with it.
+        const double head = rows[rank][column];
+        const double diagonal = head > 0.0 ? -norm : norm;
+        const double scale = 1.0 / (norm * (norm + fabs(head)));
+        rows[rank][column] = head - diagonal;
+        for (size_t c = rank + 1; c <= TERMS; ++c) {
+            const size_t other = c < TERMS ? order[c] : TERMS;
+            double along = 0.0;
+            for (size_t r = rank; r < row_count; ++r) {
+                along += rows[r][column] * rows[r][other];
+            }
+            for (size_t r = rank; r < row_count; ++r) {
+                rows[r][other] -= scale * along * rows[r][column];
+            }
+        }
+        rows[rank][column] = diagonal;
+    }
+    for (size_t k = rank; k-- > 0;) {
+        double value = rows[k][TERMS];
+        for (size_t c = k + 1; c < rank; ++c) {
+            value -= rows[k][order[c]] * solution[order[c]];
+        }
+        solution[order[k]] = value / rows[k][order[k]];
+    }
+    return rank;
+}
+
+static size_t add_ring(const pci_topology *topology, uint32_t vertex, uint32_t centre,
+                       uint32_t *neighbours, size_t count) {
+    for (size_t r = topology->ring_offsets[vertex]; r < topology->ring_offsets[vertex + 1]; ++r) {
+        const uint32_t candidate = topology->ring[r];
+        bool known = candidate == centre || count == NEIGHBOURS;
+        for (size_t i = 0; i < count && !known; ++i) {
+            known = neighbours[i] == candidate;
+        }
+        if (!known) {
+            neighbours[count++] = candidate;
+        }
+    }
+    return count;
+}
+
+// Two unit vectors perpendicular to a unit vector and to each other.
+static void tangent_frame(const double normal[3], double x[3], double y[3]) {
+    size_t smallest = 0;
+    for (size_t k = 1; k < 3; ++k) {
+        smallest = fabs(normal[k]) < fabs(normal[smallest]) ? k : smallest;
+    }
+    double axis[3] = {0.0};
+    axis[smallest] = 1.0;
+    pci_cross(normal, axis, x);
+    pci_normalize(x);
+    pci_cross(normal, x, y);
+}
+
+// Fits h = a x^2 + b x y + c y^2 + d x + e y to the neighbours, in the frame of the vertex and in
+// units of the farthest neighbour's distance, which is returned (0: no fit). `terms` gets a .. e.
+static double fit_quadric(const work *w, uint32_t vertex, const uint32_t *neighbours, size_t count,
+                          double terms[TERMS], size_t *rank) {
+    double rows[NEIGHBOURS][TERMS + 1], x[3], y[3], scale = 0.0;
+    const double *centre = &w->mesh->positions[3 * (size_t)vertex];
+    const double *normal = &w->normals[3 * (size_t)vertex];
+    for (size_t i = 0; i < count; ++i) {
+        const double square =
+            pci_squared_distance(&w->mesh->positions[3 * (size_t)neighbours[i]], centre);
+        scale = square > scale ? square : scale;
+    }
+    scale = sqrt(scale);
+    if (!(scale > 0.0)) {
+        return 0.0;
+    }
+    tangent_frame(normal, x, y);
+    for (size_t i = 0; i < count; ++i) {
+        double away[3];
+        pci_sub(&w->mesh->positions[3 * (size_t)neighbours[i]], centre, away);
+        const double u = pci_dot(away, x) / scale, v = pci_dot(away, y) / scale;
+        const double row[TERMS + 1] = {u * u, u * v, v * v, u, v, pci_dot(away, normal) / scale};
+        memcpy(rows[i], row, sizeof(row));
+    }
+    *rank = least_squares(rows, count, terms);
+    return scale;
+}
+
+// Absolute mean curvature of the surface (u, v, h(u, v)) at the origin. The 1-ring is enough for
+// most vertices; the 2-ring helps where it is too small or lies on a line or a conic.
+static void find_curvatures(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const work *w = user;
+    for (size_t v = begin; v < end; ++v) {
+        const uint32_t vertex = (uint32_t)v;
+        const double *normal = &w->normals[3 * v];
+        uint32_t neighbours[NEIGHBOURS];
+        size_t count = add_ring(w->topology, vertex, vertex, neighbours, 0), rank = 0;
+        double t[TERMS];
+        if (!(pci_dot(normal, normal) > 0.0) || count == 0) {
+            continue;
+        }
+        double scale = fit_quadric(w, vertex, neighbours, count, t, &rank);
+        if (rank < TERMS) {
+            const size_t inner = count;
+            for (size_t i = 0; i < inner; ++i) {
+                count = add_ring(w->topology, neighbours[i], vertex, neighbours, count);
+            }
+            scale = fit_quadric(w, vertex, neighbours, count, t, &rank);
+        }
+        if (scale > 0.0) {
+            const double hxx = 2.0 * t[0], hxy = t[1], hyy = 2.0 * t[2], hx = t[3], hy = t[4];
+            const double slope = 1.0 + hx * hx + hy * hy;
+            const double mean = (1.0 + hy * hy) * hxx - 2.0 * hx * hy * hxy + (1.0 + hx * hx) * hyy;
+            w->curvatures[v] = fabs(mean) / (2.0 * slope * sqrt(slope) * scale);
+        }
+    }
+}
+
+// w_s of equation (3); returns kappa.
+static double find_edge_weights(const pci_topology *topology, const double *curvatures,
+                                size_t vertex_count, double *weights) {
+    double largest = 0.0;
+    for (size_t v = 0; v < vertex_count; ++v) {
+        largest = curvatures[v] > largest ? curvatures[v] : largest;
+    }
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        const double a = curvatures[topology->edges[2 * e]];
+        const double b = curvatures[topology->edges[2 * e + 1]];
+        const double ratio = largest > 0.0 ? (a > b ? a : b) / largest : 0.0;
+        weights[e] = 1.0 - ratio * ratio * ratio * ratio;
+    }
+    return largest;
+}
+
+// ---- opposite vertices --------------------------------------------------------------------------
+
+typedef struct ray_filter {
+    const pc_mesh *mesh;
+    uint32_t vertex;
+    bool back_faces_only;
+} ray_filter;
+
+static bool accept_hit(void *user, const pci_hit *hit) {
+    const ray_filter *f = user;
+    const uint32_t *corner = &f->mesh->triangles[3 * (size_t)hit->triangle];
+    const bool own = corner[0] == f->vertex || corner[1] == f->vertex || corner[2] == f->vertex;
+    return !own && (hit->back_face || !f->back_faces_only);
+}
+
+// First hit from `offset` outside the vertex, inwards through back faces or outwards through any.
+static pci_hit cast(const work *w, uint32_t vertex, double offset, bool inwards) {
+    const double *v = &w->mesh->positions[3 * (size_t)vertex];
+    const double *n = &w->normals[3 * (size_t)vertex];
+    ray_filter filter = {.mesh = w->mesh, .vertex = vertex, .back_faces_only = inwards};
+    double origin[3], direction[3];
+    for (size_t k = 0; k < 3; ++k) {
+        origin[k] = v[k] + offset * n[k];
+        direction[k] = inwards ? -n[k] : n[k];
+    }
+    return pci_bvh_cast(w->bvh, origin, direction, 0.0, INFINITY, accept_hit, &filter);
+}
+
+static void find_opposites(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const work *w = user;
+    const double reach = w->options->opposite_reach * w->cell_size;
+    const double outward = w->options->outward_offset * w->cell_size;
+    for (size_t v = begin; v < end; ++v) {
+        const double *normal = &w->normals[3 * v];
+        uint32_t *found = &w->found[3 * v];
+        found[0] = found[1] = found[2] = PC_INVALID_INDEX;
+        w->outer_distances[v] = INFINITY;
+        if (!(pci_dot(normal, normal) > 0.0)) {
+            continue;
+        }
+        const pci_hit up = cast(w, (uint32_t)v, outward, false);
+        if (up.triangle != PC_INVALID_INDEX) {
+            w->outer_distances[v] = outward + up.distance;
+        }
+        const pci_hit down = cast(w, (uint32_t)v, w->options->inward_offset * w->cell_size, true);
+        if (down.triangle == PC_INVALID_INDEX) {
+            continue;
+        }
+        for (size_t c = 0; c < 3; ++c) {
+            const uint32_t other = w->mesh->triangles[3 * (size_t)down.triangle + c];
+            const double square = pci_squared_distance(&w->mesh->positions[3 * v],
+                                                       &w->mesh->positions[3 * (size_t)other]);
+            if (square < reach * reach && pci_dot(normal, &w->normals[3 * (size_t)other]) <
+                                              -1.0 + w->options->opposite_epsilon) {
+                found[c] = other;
+            }
+        }
+    }
+}
+
+static int compare_u64(const void *a, const void *b) {
+    const uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
+    return (x > y) - (x < y);
+}
+
+// Turns what each vertex found into sorted pairs without duplicates; returns their number.
+static size_t collect_pairs(const work *w, uint64_t *pairs) {
+    size_t count = 0, kept = 0;
+    for (size_t i = 0; i < 3 * w->mesh->vertex_count; ++i) {
+        const uint64_t v = i / 3, other = w->found[i];
+        if (w->found[i] != PC_INVALID_INDEX) {
+            pairs[count++] = v < other ? v << 32 | other : other << 32 | v;
+        }
+    }
+    qsort(pairs, count, sizeof(*pairs), compare_u64);
+    for (size_t i = 0; i < count; ++i) {
+        if (i == 0 || pairs[i] != pairs[i - 1]) {
+            pairs[kept++] = pairs[i];
+        }
+    }
+    return kept;
+}
+
+// ---- stage --------------------------------------------------------------------------------------
+
+static bool mesh_is_valid(const pc_mesh *mesh) {
+    if (mesh == NULL || mesh->vertex_count == 0 || mesh->triangle_count == 0 ||
+        mesh->vertex_count >= PC_INVALID_INDEX || mesh->positions == NULL ||
+        mesh->triangles == NULL) {
+        return false;
+    }
+    bool valid = true;
+    for (size_t i = 0; i < 3 * mesh->vertex_count; ++i) {
+        valid = valid && isfinite(mesh->positions[i]);
+    }
+    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
+        valid = valid && mesh->triangles[i] < mesh->vertex_count;
+    }
+    return valid;
+}
+
+static pc_status build(pc_context *context, pci_scratch *scratch, work *w, pc_graph *graph,
+                       pc_graph_report *report) {
+    const size_t nv = w->mesh->vertex_count;
+    pci_topology topology;
+    double *normals = PCI_SCRATCH(scratch, double, 3 * nv);
+    uint64_t *pairs = PCI_SCRATCH(scratch, uint64_t, 3 * nv);
+    w->found = PCI_SCRATCH(scratch, uint32_t, 3 * nv);
+    if (scratch->failed || !pci_topology_build(scratch, w->mesh, &topology)) {
+        return pci_fail_memory(context, STAGE);
+    }
+    graph->vertex_count = nv;
+    graph->edge_count = topology.edge_count;
+    graph->curvatures = PCI_ALLOCATE(context, double, nv);
+    graph->outer_distances = PCI_ALLOCATE(context, double, nv);
+    graph->edges = PCI_ALLOCATE(context, uint32_t, 2 * topology.edge_count);
+    graph->edge_weights = PCI_ALLOCATE(context, double, topology.edge_count);
+    if (graph->curvatures == NULL || graph->outer_distances == NULL || graph->edges == NULL ||
+        graph->edge_weights == NULL) {
+        return pci_fail_memory(context, STAGE);
+    }
+
+    // Smoothness terms.
+    pci_vertex_normals(w->mesh, normals);
+    w->topology = &topology, w->normals = normals;
+    w->curvatures = graph->curvatures, w->outer_distances = graph->outer_distances;
+    pci_parallel_for(context, nv, GRAIN, find_curvatures, w);
+    memcpy(graph->edges, topology.edges, 2 * topology.edge_count * sizeof(*graph->edges));
+    const double largest = find_edge_weights(&topology, graph->curvatures, nv, graph->edge_weights);
+    if (!pci_progress(context, STAGE, 0.3)) {
+        return pci_fail_cancelled(context, STAGE);
+    }
+
+    // Opposite terms.
+    pci_parallel_for(context, nv, GRAIN, find_opposites, w);
+    graph->opposite_count = collect_pairs(w, pairs);
+    graph->opposites = PCI_ALLOCATE(context, uint32_t, 2 * graph->opposite_count);
+    graph->opposite_signs = PCI_ALLOCATE(context, int8_t, graph->opposite_count);
+    uint8_t *paired = PCI_SCRATCH(scratch, uint8_t, nv);
+    if (graph->opposites == NULL || graph->opposite_signs == NULL || paired == NULL) {
+        return pci_fail_memory(context, STAGE);
+    }
+    size_t biased = 0, paired_count = 0;
+    for (size_t o = 0; o < graph->opposite_count; ++o) {
+        const uint32_t first = (uint32_t)(pairs[o] >> 32), second = (uint32_t)pairs[o];
+        const double a = graph->outer_distances[first], b = graph->outer_distances[second];
+        graph->opposites[2 * o] = first, graph->opposites[2 * o + 1] = second;
+        graph->opposite_signs[o] = (int8_t)((a > b) - (a < b));
+        biased += a != b; // infinite against infinite compares equal
+        paired[first] = paired[second] = 1;
+    }
+    for (size_t v = 0; v < nv; ++v) {
+        paired_count += paired[v];
+    }
+    const pc_graph_report result = {.edges = topology.edge_count,
+                                    .opposite_edges = graph->opposite_count,
+                                    .biased_edges = biased,
+                                    .opposite_fraction = (double)paired_count / (double)nv,
+                                    .max_curvature = largest * w->cell_size};
+    if (report != NULL) {
+        *report = result;
+    }
+    return PC_OK;
+}
 
 pc_status pc_build_graph(pc_context *context, const pc_mesh *projected, double cell_size,
                          const pc_graph_options *options, pc_graph *graph,
                          pc_graph_report *report) {
-    (void)projected;
-    (void)cell_size;
-    (void)options;
-    (void)graph;
-    (void)report;
-    return pci_fail(context, PC_ERROR_UNSUPPORTED, "graph", "graph: not written yet");
+    static const pc_graph empty = {0};
+    if (graph == NULL || memcmp(graph, &empty, sizeof(empty)) != 0) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, STAGE,
+                        "graph: the output must be a zeroed pc_graph");
+    }
+    if (!mesh_is_valid(projected) || !(cell_size > 0.0) || !isfinite(cell_size)) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, STAGE,
+                        "graph: needs a mesh with finite positions and a cell size above 0");
+    }
+    pc_graph_options defaults;
+    if (options == NULL) {
+        pc_record_set_defaults(&pc_graph_options_record, &defaults);
+        options = &defaults;
+    }
+    pc_status status = pc_record_check(context, STAGE, &pc_graph_options_record, options);
+    if (status != PC_OK) {
+        return status;
+    }
+    pci_scratch scratch = pci_scratch_begin(context);
+    pci_bvh *bvh = NULL;
+    status = pci_bvh_create(context, STAGE, projected, &bvh);
+    if (status == PC_OK) {
+        work w = {.mesh = projected, .bvh = bvh, .options = options, .cell_size = cell_size};
+        status = build(context, &scratch, &w, graph, report);
+    }
+    if (status != PC_OK) {
+        pc_graph_free(context, graph);
+    }
+    pci_bvh_destroy(context, bvh);
+    pci_scratch_end(&scratch);
+    return status;
 }

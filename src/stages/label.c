@@ -1,6 +1,12 @@
 #include "proxycloth/label.h"
 
+#include <float.h>
+
 #include "core/core.h"
+#include "core/roof_duality.h"
+#include "core/signed_solve.h"
+
+#define OPTIMAL_GAP 1e-6
 
 static const char *const outcome_choices[] = {"optimal", "feasible", NULL};
 static const pc_field option_fields[] = {
@@ -33,19 +39,337 @@ static const pc_field report_fields[] = {
 };
 const pc_record pc_label_report_record = PCI_RECORD(report_fields, pc_label_report);
 
+// The problem in integers: costs are multiplied by a power of two and rounded down, so a bound of
+// the integer problem is one of the original problem.
+typedef struct problem {
+    pci_signed_graph graph; // vertex v of the guide graph is v + 1
+    int exponent;           // integer = real * 2^exponent
+} problem;
+
+static pc_status check_graph(pc_context *context, const pc_graph *graph) {
+    const size_t n = graph->vertex_count;
+    if (n > (UINT32_MAX - 8) / 2 || graph->edge_count > UINT32_MAX / 64 ||
+        graph->opposite_count > UINT32_MAX / 64) {
+        return pci_fail(context, PC_ERROR_TOO_LARGE, "label",
+                        "label: graph of %zu vertices, %zu edges and %zu opposite edges", n,
+                        graph->edge_count, graph->opposite_count);
+    }
+    for (size_t e = 0; e < graph->edge_count; ++e) {
+        const uint32_t a = graph->edges[2 * e], b = graph->edges[2 * e + 1];
+        if (a >= n || b >= n || a == b) {
+            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, "label",
+                            "label: edge %zu connects %u and %u of %zu vertices", e, a, b, n);
+        }
+        if (!(graph->edge_weights[e] >= 0.0) || !isfinite(graph->edge_weights[e])) {
+            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, "label",
+                            "label: weight %g of edge %zu is negative or not finite",
+                            graph->edge_weights[e], e);
+        }
+    }
+    for (size_t e = 0; e < graph->opposite_count; ++e) {
+        const uint32_t a = graph->opposites[2 * e], b = graph->opposites[2 * e + 1];
+        if (a >= n || b >= n || a == b) {
+            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, "label",
+                            "label: opposite edge %zu connects %u and %u of %zu vertices", e, a, b,
+                            n);
+        }
+        if (graph->opposite_signs[e] < -1 || graph->opposite_signs[e] > 1) {
+            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, "label",
+                            "label: sign %d of opposite edge %zu is not -1, 0 or 1",
+                            graph->opposite_signs[e], e);
+        }
+    }
+    return PC_OK;
+}
+
+// Gives each connected part that has no edge to the ground one to its lowest vertex: flipping the
+// whole part is free, so label 1 is no restriction there. Returns the new number of edges.
+static size_t pin_free_parts(pci_scratch *scratch, size_t vertex_count, pci_signed_edge *edges,
+                             size_t edge_count) {
+    uint32_t *parent = PCI_SCRATCH(scratch, uint32_t, vertex_count);
+    int64_t *incident = PCI_SCRATCH(scratch, int64_t, vertex_count);
+    if (scratch->failed) {
+        return 0;
+    }
+    for (uint32_t v = 0; v < vertex_count; ++v) {
+        parent[v] = v;
+    }
+    for (size_t e = 0; e < edge_count; ++e) {
+        uint32_t roots[2] = {edges[e].a, edges[e].b};
+        for (size_t k = 0; k < 2; ++k) {
+            while (parent[roots[k]] != roots[k]) {
+                roots[k] = parent[roots[k]] = parent[parent[roots[k]]];
+            }
+        }
+        parent[roots[0] > roots[1] ? roots[0] : roots[1]] =
+            roots[0] < roots[1] ? roots[0] : roots[1];
+        incident[edges[e].a] += edges[e].cost;
+        incident[edges[e].b] += edges[e].cost;
+    }
+    for (uint32_t v = 1; v < vertex_count; ++v) {
+        if (parent[v] == v) {
+            edges[edge_count++] =
+                (pci_signed_edge){.a = PCI_GROUND, .b = v, .cost = incident[v] + 1};
+        }
+    }
+    return edge_count;
+}
+
+static int64_t scaled(double cost, int exponent) { return (int64_t)floor(ldexp(cost, exponent)); }
+
+static pc_status make_problem(pc_context *context, pci_scratch *scratch, const pc_graph *graph,
+                              const pc_label_options *o, problem *p) {
+    const size_t vertices = graph->vertex_count + 1;
+    pci_signed_edge *edges = PCI_SCRATCH(scratch, pci_signed_edge,
+                                         graph->edge_count + 3 * graph->opposite_count + vertices);
+    if (edges == NULL) {
+        return pci_fail_memory(context, "label");
+    }
+    double total = 0.0;
+    for (size_t e = 0; e < graph->edge_count; ++e) {
+        total += o->lambda_smooth * graph->edge_weights[e];
+    }
+    total += (double)graph->opposite_count * o->lambda_opposite * (1.0 + 1.5 * o->lambda_bias);
+    if (!(total <= 0x1p1000)) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, "label",
+                        "label: the sum of all weights, %g, is too large", total);
+    }
+    int magnitude = 0;
+    (void)frexp(total, &magnitude);
+    p->exponent = 58 - magnitude;
+    // Equation (3).
+    size_t count = 0;
+    for (size_t e = 0; e < graph->edge_count; ++e) {
+        edges[count++] = (pci_signed_edge){
+            .a = graph->edges[2 * e] + 1,
+            .b = graph->edges[2 * e + 1] + 1,
+            .cost = scaled(o->lambda_smooth * graph->edge_weights[e], p->exponent)};
+    }
+    // The second term. With a sign, labels (outer 1, inner 0) cost 0, the reverse costs the bias b
+    // and equal labels cost 1 + b: opposite labels are worth 1 + b / 2, each end's own wish b / 2.
+    const double half_bias = 0.5 * o->lambda_bias * o->lambda_opposite;
+    for (size_t e = 0; e < graph->opposite_count; ++e) {
+        const int sign = graph->opposite_signs[e];
+        const uint32_t a = graph->opposites[2 * e] + 1, b = graph->opposites[2 * e + 1] + 1;
+        const double cost = o->lambda_opposite + (sign != 0 ? half_bias : 0.0);
+        edges[count++] =
+            (pci_signed_edge){.a = a, .b = b, .opposite = true, .cost = scaled(cost, p->exponent)};
+        if (sign != 0) {
+            const int64_t wish = scaled(half_bias, p->exponent);
+            edges[count++] =
+                (pci_signed_edge){.a = PCI_GROUND, .b = a, .opposite = sign < 0, .cost = wish};
+            edges[count++] =
+                (pci_signed_edge){.a = PCI_GROUND, .b = b, .opposite = sign > 0, .cost = wish};
+        }
+    }
+    // Parallel edges are merged before the free parts are looked for: wishes may cancel.
+    pci_signed_graph_create(vertices, edges, count, &p->graph);
+    const int64_t constant = p->graph.constant;
+    count = pin_free_parts(scratch, vertices, edges, p->graph.edge_count);
+    if (scratch->failed) {
+        return pci_fail_memory(context, "label");
+    }
+    pci_signed_graph_create(vertices, edges, count, &p->graph);
+    p->graph.constant += constant;
+    return PC_OK;
+}
+
+// The part of the problem on the vertices of one component, where labels are missing; edges to
+// labelled vertices become edges to the ground.
+static bool extract_component(pci_scratch *scratch, const pci_signed_graph *graph,
+                              const pci_roof *roof, const uint32_t *vertices, size_t count,
+                              const pci_signed_rows *rows, uint32_t *local,
+                              pci_signed_graph *part) {
+    size_t edge_count = 0;
+    for (size_t k = 0; k < count; ++k) {
+        local[vertices[k]] = (uint32_t)k + 1;
+        edge_count += rows->offsets[vertices[k] + 1] - rows->offsets[vertices[k]];
+    }
+    pci_signed_edge *edges = PCI_SCRATCH(scratch, pci_signed_edge, edge_count);
+    if (edges == NULL) {
+        return false;
+    }
+    edge_count = 0;
+    for (size_t k = 0; k < count; ++k) {
+        const uint32_t v = vertices[k];
+        for (size_t r = rows->offsets[v]; r < rows->offsets[v + 1]; ++r) {
+            pci_signed_edge edge = graph->edges[rows->edges[r]];
+            const uint32_t w = pci_signed_other(&edge, v);
+            if (roof->labels[w] != PCI_NO_LABEL) {
+                edge.opposite ^= roof->labels[w] == 0;
+                edge.a = PCI_GROUND;
+                edge.b = local[v];
+            } else if (w > v && roof->components[w] == roof->components[v]) {
+                edge.a = local[v];
+                edge.b = local[w];
+            } else {
+                continue;
+            }
+            edges[edge_count++] = edge;
+        }
+    }
+    pci_signed_graph_create(count + 1, edges, edge_count, part);
+    return true;
+}
+
+// What solving the components came to, in integers.
+typedef struct proof {
+    int64_t bound;
+    uint64_t residual;
+    uint64_t unproven;
+} proof;
+
+// Solves the components one by one and completes the labels of `roof`.
+static pc_status solve_components(pc_context *context, const problem *p, uint32_t effort,
+                                  pci_roof *roof, proof *result) {
+    const pci_signed_graph *graph = &p->graph;
+    const size_t n = graph->vertex_count;
+    pc_status status = PC_OK;
+    pci_scratch scratch = pci_scratch_begin(context);
+    size_t *offsets = PCI_SCRATCH(&scratch, size_t, roof->component_count + 2);
+    uint32_t *vertices = PCI_SCRATCH(&scratch, uint32_t, n);
+    uint32_t *local = PCI_SCRATCH(&scratch, uint32_t, n);
+    uint8_t *complete = PCI_SCRATCH(&scratch, uint8_t, n);
+    pci_signed_rows rows;
+    if (scratch.failed || !pci_signed_graph_rows(&scratch, graph, &rows)) {
+        status = pci_fail_memory(context, "label");
+        goto cleanup;
+    }
+    // Vertices by component.
+    size_t *next = offsets + 1;
+    for (size_t v = 0; v < n; ++v) {
+        if (roof->labels[v] == PCI_NO_LABEL) {
+            ++next[roof->components[v] + 1];
+            ++result->residual;
+        }
+    }
+    for (size_t c = 0; c < roof->component_count; ++c) {
+        next[c + 1] += next[c];
+    }
+    for (uint32_t v = 0; v < n; ++v) {
+        if (roof->labels[v] == PCI_NO_LABEL) {
+            vertices[next[roof->components[v]]++] = v;
+        }
+    }
+    memcpy(complete, roof->labels, n);
+    int64_t excess = 0;
+    for (size_t c = 0; c < roof->component_count && status == PC_OK; ++c) {
+        if (!pci_progress(context, "label", (double)c / (double)roof->component_count)) {
+            status = pci_fail_cancelled(context, "label");
+            break;
+        }
+        pci_scratch local_scratch = pci_scratch_begin(context);
+        const uint32_t *members = &vertices[offsets[c]];
+        const size_t count = offsets[c + 1] - offsets[c];
+        pci_signed_graph part;
+        pci_signed_solution solution = {.labels = PCI_SCRATCH(&local_scratch, uint8_t, count + 1)};
+        if (local_scratch.failed ||
+            !extract_component(&local_scratch, graph, roof, members, count, &rows, local, &part) ||
+            !pci_signed_solve(context, &part, effort, &solution)) {
+            status = pci_fail_memory(context, "label");
+        } else {
+            for (size_t k = 0; k < count; ++k) {
+                complete[members[k]] = solution.labels[k + 1];
+            }
+            excess += solution.cost - solution.bound;
+            result->unproven += solution.cost > solution.bound;
+        }
+        pci_scratch_end(&local_scratch);
+    }
+    memcpy(roof->labels, complete, n);
+    // All that is not proven lies in the components.
+    result->bound = pci_signed_graph_cost(graph, complete) - excess;
+cleanup:
+    pci_scratch_end(&scratch);
+    return status;
+}
+
+// A little smaller than the real value, so that rounding never lifts a bound.
+static double real_bound(const problem *p, int64_t bound) {
+    return ldexp((double)bound, -p->exponent) * (1.0 - 16.0 * DBL_EPSILON);
+}
+
 pc_status pc_label(pc_context *context, const pc_graph *graph, const pc_label_options *options,
                    pc_labels *labels, pc_label_report *report) {
-    (void)graph;
-    (void)options;
-    (void)labels;
-    (void)report;
-    return pci_fail(context, PC_ERROR_UNSUPPORTED, "label", "label: not written yet");
+    pc_label_options defaults;
+    if (options == NULL) {
+        pc_record_set_defaults(&pc_label_options_record, &defaults);
+        options = &defaults;
+    }
+    if (labels->labels != NULL || labels->vertex_count != 0) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, "label",
+                        "label: the output is not zeroed");
+    }
+    pc_status status = pc_record_check(context, "label", &pc_label_options_record, options);
+    if (status == PC_OK) {
+        status = check_graph(context, graph);
+    }
+    if (status != PC_OK) {
+        return status;
+    }
+    const size_t n = graph->vertex_count;
+    pci_scratch scratch = pci_scratch_begin(context);
+    problem p = {0};
+    pci_roof roof = {0};
+    proof result = {0};
+    status = make_problem(context, &scratch, graph, options, &p);
+    if (status != PC_OK) {
+        goto cleanup;
+    }
+    labels->labels = PCI_ALLOCATE(context, uint8_t, n);
+    if (labels->labels == NULL || !pci_roof_duality(&scratch, &p.graph, &roof)) {
+        status = pci_fail_memory(context, "label");
+        goto cleanup;
+    }
+    status = solve_components(context, &p, options->label_effort, &roof, &result);
+    if (status != PC_OK) {
+        goto cleanup;
+    }
+    labels->vertex_count = n;
+    memcpy(labels->labels, roof.labels + 1, n);
+    if (report != NULL) {
+        const double objective = pc_label_objective(graph, options, labels->labels);
+        *report = (pc_label_report){
+            .objective = objective,
+            .bound = fmin(real_bound(&p, result.bound), objective),
+            .roof_bound = fmin(real_bound(&p, roof.bound), objective),
+            .fixed = n - result.residual,
+            .residual = result.residual,
+            .residual_components = roof.component_count,
+            .unproven_components = result.unproven,
+        };
+        report->gap = (objective - report->bound) / fmax(1.0, objective);
+        report->outcome = report->gap <= OPTIMAL_GAP ? PC_LABEL_OPTIMAL : PC_LABEL_FEASIBLE;
+    }
+cleanup:
+    if (status != PC_OK) {
+        pc_labels_free(context, labels);
+    }
+    pci_scratch_end(&scratch);
+    return status;
 }
 
 double pc_label_objective(const pc_graph *graph, const pc_label_options *options,
                           const uint8_t *labels) {
-    (void)graph;
-    (void)options;
-    (void)labels;
-    return 0.0;
+    // Compensated sum: the value carries no trace of the number of terms.
+    double sum = 0.0, rest = 0.0;
+    for (size_t k = 0; k < graph->edge_count + graph->opposite_count; ++k) {
+        double term = 0.0;
+        if (k < graph->edge_count) {
+            const bool differ = labels[graph->edges[2 * k]] != labels[graph->edges[2 * k + 1]];
+            term = differ ? options->lambda_smooth * graph->edge_weights[k] : 0.0;
+        } else {
+            const size_t e = k - graph->edge_count;
+            const int difference =
+                labels[graph->opposites[2 * e]] - labels[graph->opposites[2 * e + 1]];
+            const int sign = graph->opposite_signs[e];
+            term = options->lambda_opposite *
+                   ((difference == 0 ? 1.0 : 0.0) +
+                    (sign != 0 && difference != sign ? options->lambda_bias : 0.0));
+        }
+        const double next = sum + term;
+        rest += sum >= term ? (sum - next) + term : (term - next) + sum;
+        sum = next;
+    }
+    return sum + rest;
 }

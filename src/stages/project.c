@@ -1,13 +1,24 @@
 #include "proxycloth/project.h"
 
-#include "core/core.h"
+#include "core/bvh.h"
+#include "core/sparse.h"
+#include "core/topology.h"
+
+#define STAGE               "project"
+#define GRAIN               128
+#define ADAM_ITERATIONS     100
+#define CHOLESKY_ITERATIONS 20
+// The alternation ends when an iteration lowers the energy by less than this fraction. Going on
+// would only slide the vertices along the garment: equation (1) is lowest where all meet.
+#define ENERGY_TOLERANCE 0.005
 
 static const char *const projection_solver_choices[] = {"vector_adam", "cholesky", NULL};
 static const pc_field option_fields[] = {
-    PCI_FIELD_CHOICE(pc_project_options, projection_solver, 0, 1, projection_solver_choices,
-                     "Solver of equation (1)"),
-    PCI_FIELD_OPTION(pc_project_options, projection_iterations, UINT, 100, 1, 10000, "",
-                     "Iterations, each with new nearest points"),
+    PCI_FIELD_CHOICE(pc_project_options, projection_solver, PC_PROJECT_CHOLESKY, 1,
+                     projection_solver_choices, "Solver of equation (1)"),
+    PCI_FIELD_OPTION(pc_project_options, projection_iterations, UINT, 0, 0, 10000, "",
+                     "Most iterations, each with new nearest points; 0: 100 for vector_adam, 20 "
+                     "for cholesky"),
     PCI_FIELD_OPTION(pc_project_options, lambda_laplacian, DOUBLE, 1.0, 0.0, 1000.0, "",
                      "Weight of the Laplacian term of equation (1)"),
     PCI_FIELD_OPTION(pc_project_options, projection_step, DOUBLE, 0.05, 0.0001, 1.0, "voxels",
@@ -16,22 +27,316 @@ static const pc_field option_fields[] = {
 const pc_record pc_project_options_record = PCI_RECORD(option_fields, pc_project_options);
 
 static const pc_field report_fields[] = {
-    PCI_FIELD_REPORT(pc_project_report, energy_before, DOUBLE, "", ""),
-    PCI_FIELD_REPORT(pc_project_report, energy_after, DOUBLE, "", ""),
-    PCI_FIELD_REPORT(pc_project_report, mean_distance, DOUBLE, "", ""),
-    PCI_FIELD_REPORT(pc_project_report, max_distance, DOUBLE, "", ""),
-    PCI_FIELD_REPORT(pc_project_report, iterations, COUNT, "", ""),
+    PCI_FIELD_REPORT(pc_project_report, energy_before, DOUBLE, "voxels^2",
+                     "Equation (1) per vertex at the start"),
+    PCI_FIELD_REPORT(pc_project_report, energy_after, DOUBLE, "voxels^2",
+                     "Equation (1) per vertex at the end"),
+    PCI_FIELD_REPORT(pc_project_report, mean_distance, DOUBLE, "voxels",
+                     "Mean distance of the vertices to the garment"),
+    PCI_FIELD_REPORT(pc_project_report, max_distance, DOUBLE, "voxels",
+                     "Largest distance of a vertex to the garment"),
+    PCI_FIELD_REPORT(pc_project_report, iterations, COUNT, "", "Iterations done"),
 };
 const pc_record pc_project_report_record = PCI_RECORD(report_fields, pc_project_report);
+
+// Equation (1) and where the vertices are.
+typedef struct problem {
+    pc_context *context;
+    const pci_bvh *bvh;
+    const pci_topology *topology;
+    const pc_project_options *options;
+    size_t count;
+    double cell_size;
+    double *v;         // #V by 3
+    double *nearest;   // #V by 3, p of equation (1)
+    bool have_nearest; // from the last iteration
+    double *laplacian; // #V by 3, L v
+    double *gradient;  // #V by 3, VectorAdam only
+    double *energies;  // per vertex, then summed in order
+} problem;
+
+// ---- energy -------------------------------------------------------------------------------------
+
+// p_i. Where p_i was is an upper bound for the new distance, which prunes the search.
+static void find_nearest(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const problem *p = user;
+    for (size_t i = begin; i < end; ++i) {
+        const double *v = &p->v[3 * i];
+        double *nearest = &p->nearest[3 * i];
+        pci_closest closest = {.triangle = PC_INVALID_INDEX};
+        if (p->have_nearest) {
+            const double bound = sqrt(pci_squared_distance(v, nearest));
+            closest = pci_bvh_closest(p->bvh, v, bound * (1.0 + 1e-6));
+        }
+        if (closest.triangle == PC_INVALID_INDEX) {
+            closest = pci_bvh_closest(p->bvh, v, INFINITY);
+        }
+        memcpy(nearest, closest.point, sizeof(closest.point));
+    }
+}
+
+// L v: each vertex minus the mean of its 1-ring.
+static void apply_laplacian(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const problem *p = user;
+    for (size_t i = begin; i < end; ++i) {
+        const size_t from = p->topology->ring_offsets[i], to = p->topology->ring_offsets[i + 1];
+        double sum[3] = {0.0}, *out = &p->laplacian[3 * i];
+        for (size_t r = from; r < to; ++r) {
+            const double *neighbour = &p->v[3 * (size_t)p->topology->ring[r]];
+            sum[0] += neighbour[0], sum[1] += neighbour[1], sum[2] += neighbour[2];
+        }
+        for (size_t k = 0; k < 3; ++k) {
+            out[k] = to > from ? p->v[3 * i + k] - sum[k] / (double)(to - from) : 0.0;
+        }
+        p->energies[i] = pci_squared_distance(&p->v[3 * i], &p->nearest[3 * i]) +
+                         p->options->lambda_laplacian * pci_dot(out, out);
+    }
+}
+
+// Refreshes p and L v; returns the energy per vertex in squared voxels.
+static double refresh(problem *p) {
+    pci_parallel_for(p->context, p->count, GRAIN, find_nearest, p);
+    p->have_nearest = true;
+    pci_parallel_for(p->context, p->count, GRAIN, apply_laplacian, p);
+    double sum = 0.0;
+    for (size_t i = 0; i < p->count; ++i) {
+        sum += p->energies[i];
+    }
+    return sum / ((double)p->count * p->cell_size * p->cell_size);
+}
+
+// ---- VectorAdam ---------------------------------------------------------------------------------
+
+// 2 (v - p) + 2 lambda L^T L v.
+static void find_gradient(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const problem *p = user;
+    const pci_topology *t = p->topology;
+    for (size_t i = begin; i < end; ++i) {
+        double transposed[3];
+        memcpy(transposed, &p->laplacian[3 * i], sizeof(transposed));
+        for (size_t r = t->ring_offsets[i]; r < t->ring_offsets[i + 1]; ++r) {
+            const size_t j = t->ring[r];
+            const double degree = (double)(t->ring_offsets[j + 1] - t->ring_offsets[j]);
+            for (size_t k = 0; k < 3; ++k) {
+                transposed[k] -= p->laplacian[3 * j + k] / degree;
+            }
+        }
+        for (size_t k = 0; k < 3; ++k) {
+            p->gradient[3 * i + k] = 2.0 * (p->v[3 * i + k] - p->nearest[3 * i + k]) +
+                                     2.0 * p->options->lambda_laplacian * transposed[k];
+        }
+    }
+}
+
+// Adam with one second moment per vertex, so that steps do not depend on the axes [Ling et al.].
+static pc_status run_vector_adam(problem *p, pci_scratch *scratch, uint32_t iterations,
+                                 pc_project_report *report) {
+    static const double beta1 = 0.9, beta2 = 0.999, epsilon = 1e-8;
+    double *first = PCI_SCRATCH(scratch, double, 3 * p->count);
+    double *second = PCI_SCRATCH(scratch, double, p->count);
+    p->gradient = PCI_SCRATCH(scratch, double, 3 * p->count);
+    if (scratch->failed) {
+        return pci_fail_memory(p->context, STAGE);
+    }
+    const double rate = p->options->projection_step * p->cell_size;
+    double power1 = 1.0, power2 = 1.0;
+    for (uint32_t t = 0; t < iterations; ++t) {
+        pci_parallel_for(p->context, p->count, GRAIN, find_gradient, p);
+        power1 *= beta1, power2 *= beta2;
+        for (size_t i = 0; i < p->count; ++i) {
+            double g[3];
+            for (size_t k = 0; k < 3; ++k) {
+                g[k] = p->gradient[3 * i + k] / p->cell_size;
+                first[3 * i + k] = beta1 * first[3 * i + k] + (1.0 - beta1) * g[k];
+            }
+            second[i] = beta2 * second[i] + (1.0 - beta2) * pci_dot(g, g);
+            const double scale =
+                rate / ((1.0 - power1) * (sqrt(second[i] / (1.0 - power2)) + epsilon));
+            for (size_t k = 0; k < 3; ++k) {
+                p->v[3 * i + k] -= scale * first[3 * i + k];
+            }
+        }
+        report->energy_after = refresh(p);
+        report->iterations = t + 1;
+        if (!pci_progress(p->context, STAGE, (double)(t + 1) / iterations)) {
+            return pci_fail_cancelled(p->context, STAGE);
+        }
+    }
+    return PC_OK;
+}
+
+// ---- alternation --------------------------------------------------------------------------------
+
+// Column j of I + lambda L^T L: sum over the rows i of L that use j. Returns the number of entries,
+// rows ascending; `sums` stays zero.
+static size_t find_column(const problem *p, uint32_t j, double *sums, uint32_t *rows,
+                          double *values) {
+    const pci_topology *t = p->topology;
+    size_t count = 1;
+    rows[0] = j;
+    const size_t own = t->ring_offsets[j + 1] - t->ring_offsets[j];
+    for (size_t a = 0; a <= own && own > 0; ++a) {
+        const uint32_t i = a == 0 ? j : t->ring[t->ring_offsets[j] + a - 1];
+        const size_t from = t->ring_offsets[i], to = t->ring_offsets[i + 1];
+        const double weight = 1.0 / (double)(to - from);
+        const double factor = p->options->lambda_laplacian * (a == 0 ? 1.0 : -weight);
+        for (size_t b = 0; b <= to - from; ++b) {
+            const uint32_t row = b == 0 ? i : t->ring[from + b - 1];
+            size_t at = count;
+            for (; at > 0 && rows[at - 1] > row; --at) {
+            }
+            if (at == 0 || rows[at - 1] != row) {
+                memmove(rows + at + 1, rows + at, (count++ - at) * sizeof(*rows));
+                rows[at] = row;
+            }
+            sums[row] += factor * (b == 0 ? 1.0 : -weight);
+        }
+    }
+    sums[j] += 1.0;
+    for (size_t r = 0; r < count; ++r) {
+        values[r] = sums[rows[r]];
+        sums[rows[r]] = 0.0;
+    }
+    return count;
+}
+
+static pc_status factorise(const problem *p, pci_scratch *scratch, pci_cholesky **cholesky) {
+    const pci_topology *t = p->topology;
+    size_t room = 0;
+    for (size_t i = 0; i < p->count; ++i) {
+        // Every row i of L adds its pattern to 1 + degree columns.
+        const size_t degree = t->ring_offsets[i + 1] - t->ring_offsets[i];
+        room += (degree + 1) * (degree + 1);
+    }
+    size_t *offsets = PCI_SCRATCH(scratch, size_t, p->count + 1);
+    uint32_t *rows = PCI_SCRATCH(scratch, uint32_t, room);
+    double *values = PCI_SCRATCH(scratch, double, room);
+    double *sums = PCI_SCRATCH(scratch, double, p->count);
+    if (scratch->failed) {
+        return pci_fail_memory(p->context, STAGE);
+    }
+    for (size_t j = 0; j < p->count; ++j) {
+        const size_t at = offsets[j];
+        offsets[j + 1] = at + find_column(p, (uint32_t)j, sums, rows + at, values + at);
+    }
+    return pci_cholesky_create(p->context, STAGE, p->count, offsets, rows, values, cholesky);
+}
+
+// Both steps lower equation (1): the solution for fixed p, then the nearest p.
+static pc_status run_alternation(problem *p, pci_scratch *scratch, uint32_t iterations,
+                                 pc_project_report *report) {
+    pci_cholesky *cholesky = NULL;
+    pc_status status = factorise(p, scratch, &cholesky);
+    bool converged = false;
+    for (uint32_t t = 0; t < iterations && !converged && status == PC_OK; ++t) {
+        status = pci_cholesky_solve(p->context, cholesky, 3, p->nearest, p->v);
+        if (status == PC_OK) {
+            const double previous = report->energy_after;
+            report->energy_after = refresh(p);
+            report->iterations = t + 1;
+            converged = previous - report->energy_after <= ENERGY_TOLERANCE * previous;
+        }
+        if (status == PC_OK && !pci_progress(p->context, STAGE, (double)(t + 1) / iterations)) {
+            status = pci_fail_cancelled(p->context, STAGE);
+        }
+    }
+    pci_cholesky_destroy(p->context, cholesky);
+    return status;
+}
+
+// ---- stage --------------------------------------------------------------------------------------
+
+static bool mesh_is_valid(const pc_mesh *mesh) {
+    if (mesh == NULL || mesh->vertex_count == 0 || mesh->triangle_count == 0 ||
+        mesh->vertex_count >= PC_INVALID_INDEX || mesh->positions == NULL ||
+        mesh->triangles == NULL) {
+        return false;
+    }
+    bool valid = true;
+    for (size_t i = 0; i < 3 * mesh->vertex_count; ++i) {
+        valid = valid && isfinite(mesh->positions[i]);
+    }
+    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
+        valid = valid && mesh->triangles[i] < mesh->vertex_count;
+    }
+    return valid;
+}
+
+static pc_status run(problem *p, pci_scratch *scratch, const pc_mesh *isosurface,
+                     pc_mesh *projected, pc_project_report *report) {
+    pci_topology topology;
+    p->count = isosurface->vertex_count;
+    p->nearest = PCI_SCRATCH(scratch, double, 3 * p->count);
+    p->laplacian = PCI_SCRATCH(scratch, double, 3 * p->count);
+    p->energies = PCI_SCRATCH(scratch, double, p->count);
+    projected->vertex_count = p->count;
+    projected->triangle_count = isosurface->triangle_count;
+    projected->positions = PCI_ALLOCATE(p->context, double, 3 * p->count);
+    projected->triangles = PCI_ALLOCATE(p->context, uint32_t, 3 * projected->triangle_count);
+    if (scratch->failed || projected->positions == NULL || projected->triangles == NULL ||
+        !pci_topology_build(scratch, isosurface, &topology)) {
+        return pci_fail_memory(p->context, STAGE);
+    }
+    memcpy(projected->positions, isosurface->positions, 3 * p->count * sizeof(double));
+    memcpy(projected->triangles, isosurface->triangles,
+           3 * projected->triangle_count * sizeof(uint32_t));
+    p->v = projected->positions;
+    p->topology = &topology;
+
+    report->energy_before = report->energy_after = refresh(p);
+    const bool adam = p->options->projection_solver == PC_PROJECT_VECTOR_ADAM;
+    const uint32_t asked = p->options->projection_iterations;
+    const uint32_t iterations = asked != 0 ? asked : adam ? ADAM_ITERATIONS : CHOLESKY_ITERATIONS;
+    const pc_status status = adam ? run_vector_adam(p, scratch, iterations, report)
+                                  : run_alternation(p, scratch, iterations, report);
+    for (size_t i = 0; i < p->count && status == PC_OK; ++i) {
+        const double distance =
+            sqrt(pci_squared_distance(&p->v[3 * i], &p->nearest[3 * i])) / p->cell_size;
+        report->mean_distance += distance / (double)p->count;
+        report->max_distance = distance > report->max_distance ? distance : report->max_distance;
+    }
+    return status;
+}
 
 pc_status pc_project(pc_context *context, const pc_mesh *surface, const pc_mesh *isosurface,
                      double cell_size, const pc_project_options *options, pc_mesh *projected,
                      pc_project_report *report) {
-    (void)surface;
-    (void)isosurface;
-    (void)cell_size;
-    (void)options;
-    (void)projected;
-    (void)report;
-    return pci_fail(context, PC_ERROR_UNSUPPORTED, "project", "project: not written yet");
+    static const pc_mesh empty = {0};
+    if (projected == NULL || memcmp(projected, &empty, sizeof(empty)) != 0) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, STAGE,
+                        "project: the output must be a zeroed pc_mesh");
+    }
+    if (!mesh_is_valid(surface) || !mesh_is_valid(isosurface) || !(cell_size > 0.0) ||
+        !isfinite(cell_size)) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, STAGE,
+                        "project: needs two meshes with finite positions and a cell size above 0");
+    }
+    pc_project_options defaults;
+    if (options == NULL) {
+        pc_record_set_defaults(&pc_project_options_record, &defaults);
+        options = &defaults;
+    }
+    pc_status status = pc_record_check(context, STAGE, &pc_project_options_record, options);
+    if (status != PC_OK) {
+        return status;
+    }
+    pci_scratch scratch = pci_scratch_begin(context);
+    pci_bvh *bvh = NULL;
+    pc_project_report result = {0};
+    status = pci_bvh_create(context, STAGE, surface, &bvh);
+    if (status == PC_OK) {
+        problem p = {.context = context, .bvh = bvh, .options = options, .cell_size = cell_size};
+        status = run(&p, &scratch, isosurface, projected, &result);
+    }
+    if (status != PC_OK) {
+        pc_mesh_free(context, projected);
+    } else if (report != NULL) {
+        *report = result;
+    }
+    pci_bvh_destroy(context, bvh);
+    pci_scratch_end(&scratch);
+    return status;
 }

@@ -1,13 +1,283 @@
 #include "support/test.h"
 
-static void waits_to_be_written(void **state) {
+#include "core/topology.h"
+#include "support/surfaces.h"
+
+// Consistently oriented manifold without unused vertices; the postconditions of the stage.
+static void check_layer(pc_context *context, const pc_mesh *mesh, const pc_carve_report *report) {
+    pci_scratch scratch = pci_scratch_begin(context);
+    pci_topology topology;
+    assert_true(pci_topology_build(&scratch, mesh, &topology));
+    assert_int_equal(pci_nonmanifold_edge_count(&topology), 0);
+    assert_int_equal(pci_nonmanifold_vertex_count(&scratch, mesh, &topology), 0);
+    for (size_t e = 0; e < topology.edge_count; ++e) {
+        const size_t begin = topology.edge_triangle_offsets[e];
+        int balance = 0; // +1 per triangle that runs the edge upwards, -1 downwards
+        for (size_t i = begin; i < topology.edge_triangle_offsets[e + 1]; ++i) {
+            const uint32_t *corner = &mesh->triangles[3 * (size_t)topology.edge_triangles[i]];
+            for (size_t c = 0; c < 3; ++c) {
+                balance += corner[c] == topology.edges[2 * e] &&
+                           corner[(c + 1) % 3] == topology.edges[2 * e + 1];
+                balance -= corner[(c + 1) % 3] == topology.edges[2 * e] &&
+                           corner[c] == topology.edges[2 * e + 1];
+            }
+        }
+        assert_int_equal(balance == 0, topology.edge_triangle_offsets[e + 1] - begin == 2);
+    }
+    for (size_t v = 0; v < mesh->vertex_count; ++v) {
+        assert_true(topology.vertex_triangle_offsets[v] < topology.vertex_triangle_offsets[v + 1]);
+    }
+    assert_int_equal(report->vertices, mesh->vertex_count);
+    assert_int_equal(report->triangles, mesh->triangle_count);
+    pci_scratch_end(&scratch);
+}
+
+static pc_labels make_labels(pc_context *context, size_t count, uint8_t value) {
+    pc_labels labels = {count, PCI_ALLOCATE(context, uint8_t, count)};
+    memset(labels.labels, value, count);
+    return labels;
+}
+
+static double mesh_area(const pc_mesh *mesh) {
+    double area = 0.0;
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        area += pci_triangle_area(mesh, t);
+    }
+    return area;
+}
+
+// The upper half of a sphere: one disc.
+static void keeps_triangles_with_two_labels(void **state) {
     (void)state;
-    skip();
+    pc_context *context = test_context(1);
+    pc_mesh ball = test_sphere(context, 12), layer = {0};
+    pc_labels labels = make_labels(context, ball.vertex_count, 0);
+    for (size_t v = 0; v < ball.vertex_count; ++v) {
+        labels.labels[v] = ball.positions[3 * v + 2] > 0.0;
+    }
+    size_t expected = 0;
+    for (size_t t = 0; t < ball.triangle_count; ++t) {
+        size_t ones = 0;
+        for (size_t c = 0; c < 3; ++c) {
+            ones += labels.labels[ball.triangles[3 * t + c]];
+        }
+        expected += ones >= 2;
+    }
+    pc_carve_report report = {0};
+    assert_ok(context, pc_carve(context, &ball, &ball, &labels, 0.2, NULL, &layer, &report));
+    check_layer(context, &layer, &report);
+    assert_int_equal(layer.triangle_count, expected);
+    assert_int_equal(report.components, 1);
+    assert_int_equal(report.boundary_loops, 1);
+    assert_close(report.coverage, 0.5, 0.2);
+    pc_mesh_free(context, &layer);
+
+    // All ones: the closed mesh itself.
+    memset(labels.labels, 1, ball.vertex_count);
+    assert_ok(context, pc_carve(context, &ball, &ball, &labels, 0.2, NULL, &layer, &report));
+    check_layer(context, &layer, &report);
+    assert_int_equal(layer.triangle_count, ball.triangle_count);
+    assert_int_equal(report.boundary_loops, 0);
+    assert_close(report.coverage, 1.0, 0.0);
+    pc_mesh_free(context, &layer);
+    pc_labels_free(context, &labels);
+    pc_mesh_free(context, &ball);
+    pc_context_destroy(context);
+}
+
+// Seven wrong labels make a hole of twelve edges, which is filled; the rim of a part never is.
+static void fills_short_holes_only(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh tube = test_tube(context, 16, 30, 1.0, 10.0), layer = {0};
+    pc_labels labels = make_labels(context, tube.vertex_count, 1);
+    const size_t fan[] = {16 * 15 + 3, 16 * 15 + 2, 16 * 15 + 4, 16 * 16 + 3,
+                          16 * 14 + 3, 16 * 16 + 4, 16 * 14 + 2};
+    for (size_t i = 0; i < 7; ++i) {
+        labels.labels[fan[i]] = 0;
+    }
+    pc_carve_options options;
+    pc_record_set_defaults(&pc_carve_options_record, &options);
+    pc_carve_report report = {0};
+    options.fill_loops = 0;
+    assert_ok(context, pc_carve(context, &tube, &tube, &labels, 0.5, &options, &layer, &report));
+    check_layer(context, &layer, &report);
+    assert_int_equal(report.boundary_loops, 3);
+    assert_int_equal(report.filled_loops, 0);
+    pc_mesh_free(context, &layer);
+    options.fill_loops = 12;
+    assert_ok(context, pc_carve(context, &tube, &tube, &labels, 0.5, &options, &layer, &report));
+    check_layer(context, &layer, &report);
+    assert_int_equal(report.boundary_loops, 2);
+    assert_int_equal(report.filled_loops, 1);
+    pc_mesh_free(context, &layer);
+    pc_labels_free(context, &labels);
+    pc_mesh_free(context, &tube);
+
+    pc_mesh sheet = test_sheet(context, 2, 2, 1.0, 1.0); // a rim of eight edges
+    labels = make_labels(context, sheet.vertex_count, 1);
+    assert_ok(context, pc_carve(context, &sheet, &sheet, &labels, 0.5, NULL, &layer, &report));
+    check_layer(context, &layer, &report);
+    assert_int_equal(report.boundary_loops, 1);
+    assert_int_equal(layer.triangle_count, sheet.triangle_count);
+    pc_mesh_free(context, &layer);
+    pc_labels_free(context, &labels);
+    pc_mesh_free(context, &sheet);
+    pc_context_destroy(context);
+}
+
+static void drops_small_parts(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh big = test_sheet(context, 10, 10, 1.0, 1.0),
+            small = test_sheet(context, 4, 4, 0.2, 0.2);
+    const double offset[3] = {3.0, 0.0, 0.0};
+    pc_mesh both = test_union(context, &big, &small, offset), layer = {0};
+    pc_labels labels = make_labels(context, both.vertex_count, 1);
+    pc_carve_options options;
+    pc_record_set_defaults(&pc_carve_options_record, &options);
+    pc_carve_report report = {0};
+    assert_ok(context, pc_carve(context, &big, &both, &labels, 0.1, &options, &layer, &report));
+    check_layer(context, &layer, &report);
+    assert_int_equal(report.components, 1);
+    assert_int_equal(report.dropped_parts, 1);
+    pc_mesh_free(context, &layer);
+    options.smallest_part = 0.03;
+    assert_ok(context, pc_carve(context, &big, &both, &labels, 0.1, &options, &layer, &report));
+    check_layer(context, &layer, &report);
+    assert_int_equal(report.components, 2);
+    assert_int_equal(report.dropped_parts, 0);
+    pc_mesh_free(context, &layer);
+    pc_labels_free(context, &labels);
+    pc_mesh_free(context, &both);
+    pc_mesh_free(context, &big);
+    pc_mesh_free(context, &small);
+    pc_context_destroy(context);
+}
+
+// Labels without any sense must still give a manifold, or the error that nothing is left.
+static void survives_random_labels(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    for (uint64_t seed = 0; seed < 60; ++seed) {
+        pc_mesh ball =
+            seed % 2 == 0 ? test_sphere(context, 8) : test_torus(context, 30, 16, 1.0, 0.4);
+        pc_mesh layer = {0};
+        pc_labels labels = make_labels(context, ball.vertex_count, 0);
+        const double share = pci_random(seed, 1, 0);
+        for (size_t v = 0; v < ball.vertex_count; ++v) {
+            labels.labels[v] = pci_random(seed, 2, v) < share;
+        }
+        pc_carve_options options;
+        pc_record_set_defaults(&pc_carve_options_record, &options);
+        options.smallest_part = pci_random(seed, 3, 0) < 0.5 ? 0.0 : 0.05;
+        options.fill_loops = seed % 3 == 0 ? 1000 : 12;
+        options.carve = seed % 5 == 0;
+        pc_carve_report report = {0};
+        const pc_status status =
+            pc_carve(context, &ball, &ball, &labels, 0.3, &options, &layer, &report);
+        if (status == PC_OK) {
+            check_layer(context, &layer, &report);
+            // And the next stage takes whatever comes.
+            pc_mesh proxy = {0};
+            pc_simplify_options small;
+            pc_record_set_defaults(&pc_simplify_options_record, &small);
+            small.vertices = 40;
+            assert_ok(context, pc_simplify(context, &ball, &layer, &small, &proxy, NULL));
+            pc_mesh_free(context, &proxy);
+        } else {
+            assert_int_equal(status, PC_ERROR_NO_PROXY);
+        }
+        pc_mesh_free(context, &layer);
+        pc_labels_free(context, &labels);
+        pc_mesh_free(context, &ball);
+    }
+    pc_context_destroy(context);
+}
+
+// Two sheets with a gap of 0.5 (two voxels of 0.25) that the single layer bridges. Carving opens it
+// again, 0.1 beside the sheets.
+static void carves_the_gap_between_sheets(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh left = test_sheet(context, 3, 3, 1.0, 1.0), layer = {0};
+    const double offset[3] = {1.5, 0.0, 0.0};
+    pc_mesh visual = test_union(context, &left, &left, offset);
+    pc_mesh bridged = test_sheet(context, 10, 4, 2.5, 1.0);
+    for (size_t v = 0; v < bridged.vertex_count; ++v) {
+        bridged.positions[3 * v + 2] = 0.02; // a little above: no distance along the surface
+    }
+    pc_labels labels = make_labels(context, bridged.vertex_count, 1);
+    pc_carve_options options;
+    pc_record_set_defaults(&pc_carve_options_record, &options);
+    pc_carve_report report = {0};
+    assert_ok(context,
+              pc_carve(context, &visual, &bridged, &labels, 0.25, &options, &layer, &report));
+    assert_int_equal(report.components, 1);
+    assert_int_equal(report.carved_triangles, 0);
+    assert_close(mesh_area(&layer), 2.5, 1e-12);
+    pc_mesh_free(context, &layer);
+
+    options.carve = true;
+    options.carve_distance = 0.4;
+    assert_ok(context,
+              pc_carve(context, &visual, &bridged, &labels, 0.25, &options, &layer, &report));
+    check_layer(context, &layer, &report);
+    assert_int_equal(report.components, 2);
+    assert_int_equal(report.boundary_loops, 2);
+    assert_true(report.carved_triangles > 0);
+    assert_close(mesh_area(&layer), 2.2, 0.01);
+    for (size_t v = 0; v < layer.vertex_count; ++v) {
+        const double x = layer.positions[3 * v];
+        assert_true(x < 1.1 + 0.005 || x > 1.4 - 0.005);
+    }
+    pc_mesh_free(context, &layer);
+    pc_labels_free(context, &labels);
+    pc_mesh_free(context, &bridged);
+    pc_mesh_free(context, &visual);
+    pc_mesh_free(context, &left);
+    pc_context_destroy(context);
+}
+
+static void rejects_bad_arguments(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh sheet = test_sheet(context, 2, 2, 1.0, 1.0), layer = {0};
+    pc_labels labels = make_labels(context, sheet.vertex_count, 0);
+    assert_int_equal(pc_carve(context, NULL, &sheet, &labels, 1.0, NULL, &layer, NULL),
+                     PC_ERROR_INVALID_ARGUMENT);
+    assert_int_equal(pc_carve(context, &sheet, &sheet, &labels, 0.0, NULL, &layer, NULL),
+                     PC_ERROR_INVALID_ARGUMENT);
+    assert_int_equal(pc_carve(context, &sheet, &sheet, &labels, 1.0, NULL, &sheet, NULL),
+                     PC_ERROR_INVALID_ARGUMENT);
+    pc_carve_options options;
+    pc_record_set_defaults(&pc_carve_options_record, &options);
+    options.smallest_part = 2.0;
+    assert_int_equal(pc_carve(context, &sheet, &sheet, &labels, 1.0, &options, &layer, NULL),
+                     PC_ERROR_INVALID_OPTIONS);
+    assert_int_equal(pc_carve(context, &sheet, &sheet, &labels, 1.0, NULL, &layer, NULL),
+                     PC_ERROR_NO_PROXY); // all labels are 0
+    sheet.triangles[0] = 9;
+    assert_int_equal(pc_carve(context, &sheet, &sheet, &labels, 1.0, NULL, &layer, NULL),
+                     PC_ERROR_INVALID_ARGUMENT);
+    sheet.triangles[0] = 0;
+    --labels.vertex_count;
+    assert_int_equal(pc_carve(context, &sheet, &sheet, &labels, 1.0, NULL, &layer, NULL),
+                     PC_ERROR_INVALID_ARGUMENT);
+    assert_null(layer.positions);
+    pc_labels_free(context, &labels);
+    pc_mesh_free(context, &sheet);
+    pc_context_destroy(context);
 }
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(waits_to_be_written),
+        cmocka_unit_test(keeps_triangles_with_two_labels),
+        cmocka_unit_test(fills_short_holes_only),
+        cmocka_unit_test(drops_small_parts),
+        cmocka_unit_test(survives_random_labels),
+        cmocka_unit_test(carves_the_gap_between_sheets),
+        cmocka_unit_test(rejects_bad_arguments),
     };
     return cmocka_run_group_tests_name("carve", tests, NULL, NULL);
 }

@@ -1,13 +1,419 @@
+// Labelling: every claim (objective, bound, optimality) is checked against enumeration.
+#include <float.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "core/maxflow.h"
+#include "core/roof_duality.h"
 #include "support/test.h"
 
-static void waits_to_be_written(void **state) {
+// ---- small graphs -----------------------------------------------------------------------------
+
+enum { MAX_VERTICES = 16, MAX_EDGES = 64 };
+
+typedef struct small_graph {
+    pc_graph graph;
+    uint32_t edges[2 * MAX_EDGES], opposites[2 * MAX_EDGES];
+    double weights[MAX_EDGES];
+    int8_t signs[MAX_EDGES];
+} small_graph;
+
+static void start_graph(small_graph *g, size_t vertices) {
+    memset(g, 0, sizeof(*g));
+    g->graph.vertex_count = vertices;
+    g->graph.edges = g->edges;
+    g->graph.edge_weights = g->weights;
+    g->graph.opposites = g->opposites;
+    g->graph.opposite_signs = g->signs;
+}
+
+static void add_edge(small_graph *g, uint32_t a, uint32_t b, double weight) {
+    const size_t e = g->graph.edge_count++;
+    g->edges[2 * e] = a, g->edges[2 * e + 1] = b;
+    g->weights[e] = weight;
+}
+
+static void add_opposite(small_graph *g, uint32_t a, uint32_t b, int sign) {
+    const size_t e = g->graph.opposite_count++;
+    g->opposites[2 * e] = a, g->opposites[2 * e + 1] = b;
+    g->signs[e] = (int8_t)sign;
+}
+
+// Kinds of random graphs: real weights, small integers (many ties), many zeros, wide range.
+static void random_graph(small_graph *g, uint64_t seed) {
+    uint64_t counter = 0;
+#define DRAW(n) ((uint32_t)(pci_random_bits(seed, 1, counter++) % (n)))
+    const uint32_t n = 1 + DRAW(MAX_VERTICES);
+    const uint32_t kind = DRAW(5);
+    start_graph(g, n);
+    const uint32_t edges = n < 2 ? 0 : DRAW(3 * n), opposites = n < 2 ? 0 : DRAW(2 * n + 1);
+    for (uint32_t k = 0; k < edges && k < MAX_EDGES; ++k) {
+        const uint32_t a = DRAW(n), b = (a + 1 + DRAW(n - 1)) % n;
+        const double real = pci_random(seed, 2, k);
+        const double integer = (double)DRAW(3);
+        const double weights[5] = {real, integer, integer < 1.0 ? real : 0.0,
+                                   exp(20.0 * real - 10.0), 0.99 + 0.01 * real};
+        add_edge(g, a, b, weights[kind]);
+    }
+    for (uint32_t k = 0; k < opposites && k < MAX_EDGES; ++k) {
+        const uint32_t a = DRAW(n), b = (a + 1 + DRAW(n - 1)) % n;
+        add_opposite(g, a, b, kind == 4 ? 0 : (int)DRAW(3) - 1);
+    }
+#undef DRAW
+}
+
+// Equations (2) and (3), straight from the paper.
+static double definition(const pc_graph *graph, const pc_label_options *o, const uint8_t *l) {
+    double smooth = 0.0, opposite = 0.0;
+    for (size_t e = 0; e < graph->edge_count; ++e) {
+        smooth += l[graph->edges[2 * e]] != l[graph->edges[2 * e + 1]] ? graph->edge_weights[e] : 0;
+    }
+    for (size_t e = 0; e < graph->opposite_count; ++e) {
+        const int a = l[graph->opposites[2 * e]], b = l[graph->opposites[2 * e + 1]];
+        const int sign = graph->opposite_signs[e];
+        opposite += a == b ? 1.0 : 0.0;
+        opposite += sign != 0 && a - b != sign ? o->lambda_bias : 0.0;
+    }
+    return o->lambda_smooth * smooth + o->lambda_opposite * opposite;
+}
+
+static double brute_force(const pc_graph *graph, const pc_label_options *o) {
+    double best = (double)INFINITY;
+    uint8_t labels[MAX_VERTICES];
+    for (uint32_t bits = 0; bits < 1u << graph->vertex_count; ++bits) {
+        for (uint32_t v = 0; v < graph->vertex_count; ++v) {
+            labels[v] = bits >> v & 1u;
+        }
+        best = fmin(best, definition(graph, o, labels));
+    }
+    return best;
+}
+
+static pc_label_options make_options(double smooth, double opposite, double bias, uint32_t effort) {
+    return (pc_label_options){.lambda_smooth = smooth,
+                              .lambda_opposite = opposite,
+                              .lambda_bias = bias,
+                              .label_effort = effort};
+}
+
+// Checks all that the header promises; returns whether optimality was proven.
+static bool check_against_brute_force(pc_context *context, const pc_graph *graph,
+                                      const pc_label_options *o) {
+    const double optimum = brute_force(graph, o);
+    const double scale = fmax(1.0, optimum);
+    pc_labels labels = {0};
+    pc_label_report report;
+    assert_ok(context, pc_label(context, graph, o, &labels, &report));
+    assert_int_equal(labels.vertex_count, graph->vertex_count);
+    for (size_t v = 0; v < graph->vertex_count; ++v) {
+        assert_true(labels.labels[v] <= 1);
+    }
+    assert_close(report.objective, definition(graph, o, labels.labels), 1e-13 * scale);
+    assert_true(report.objective == pc_label_objective(graph, o, labels.labels));
+    assert_true(report.objective >= optimum - 1e-13 * scale);
+    assert_true(report.bound <= optimum * (1.0 + 4.0 * DBL_EPSILON));
+    assert_true(report.roof_bound <= report.bound + 1e-9 * scale);
+    assert_true(report.bound <= report.objective);
+    assert_close(report.gap, (report.objective - report.bound) / fmax(1.0, report.objective),
+                 1e-15);
+    assert_int_equal(report.fixed + report.residual, graph->vertex_count);
+    const bool optimal = report.outcome == PC_LABEL_OPTIMAL;
+    assert_int_equal(optimal, report.gap <= 1e-6);
+    if (optimal) {
+        assert_close(report.objective, optimum, 1e-6 * scale);
+    }
+    pc_labels_free(context, &labels);
+    return optimal;
+}
+
+static void agrees_with_enumeration(void **state) {
     (void)state;
-    skip();
+    pc_context *context = test_context(1);
+    const double settings[][3] = {{3, 1, 1},     {1, 1, 0.5}, {1, 1, 0},
+                                  {0.3, 1, 0.1}, {0, 1, 2},   {1, 0, 1}};
+    for (uint64_t seed = 0; seed < 600; ++seed) {
+        const double *s = settings[seed % (sizeof(settings) / sizeof(settings[0]))];
+        const uint32_t effort = seed / 6 % 4 == 0 ? 0 : 100;
+        const pc_label_options o = make_options(s[0], s[1], s[2], effort);
+        small_graph g;
+        random_graph(&g, seed);
+        const bool optimal = check_against_brute_force(context, &g.graph, &o);
+        if (effort != 0 && !optimal) {
+            fail_msg("seed %d: a small graph was not solved to the optimum", (int)seed);
+        }
+    }
+    pc_context_destroy(context);
+}
+
+// ---- roof duality -------------------------------------------------------------------------------
+
+static void roof_labels_extend_to_an_optimum(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    size_t fixed = 0, open = 0;
+    for (uint64_t seed = 0; seed < 400; ++seed) {
+        pci_signed_edge edges[MAX_EDGES];
+        const uint32_t n = 2 + (uint32_t)(pci_random_bits(seed, 3, 0) % 10);
+        const size_t count = 1 + pci_random_bits(seed, 3, 1) % (3 * n);
+        for (size_t e = 0; e < count; ++e) {
+            const uint64_t bits = pci_random_bits(seed, 4, e);
+            const uint32_t a = (uint32_t)(bits % n);
+            edges[e] = (pci_signed_edge){.a = a,
+                                         .b = (a + 1 + (uint32_t)(bits >> 8) % (n - 1)) % n,
+                                         .opposite = bits >> 40 & 1,
+                                         .cost = (int64_t)(bits >> 48) % 7};
+        }
+        pci_signed_graph graph;
+        pci_signed_graph_create(n, edges, count, &graph);
+        pci_scratch scratch = pci_scratch_begin(context);
+        pci_roof roof;
+        assert_true(pci_roof_duality(&scratch, &graph, &roof));
+        assert_int_equal(roof.labels[PCI_GROUND], 1);
+        int64_t best = INT64_MAX, best_with_roof = INT64_MAX;
+        for (uint32_t bits = 1; bits < 1u << n; bits += 2) {
+            uint8_t labels[16];
+            bool follows = true;
+            for (uint32_t v = 0; v < n; ++v) {
+                labels[v] = bits >> v & 1u;
+                follows =
+                    follows && (roof.labels[v] == PCI_NO_LABEL || roof.labels[v] == labels[v]);
+            }
+            const int64_t cost = pci_signed_graph_cost(&graph, labels);
+            best = cost < best ? cost : best;
+            best_with_roof = follows && cost < best_with_roof ? cost : best_with_roof;
+        }
+        assert_int_equal(best_with_roof, best);
+        assert_true(roof.bound <= best);
+        // Components do not touch each other.
+        for (size_t e = 0; e < graph.edge_count; ++e) {
+            const uint32_t a = graph.edges[e].a, b = graph.edges[e].b;
+            if (roof.labels[a] == PCI_NO_LABEL && roof.labels[b] == PCI_NO_LABEL) {
+                assert_int_equal(roof.components[a], roof.components[b]);
+            }
+        }
+        for (uint32_t v = 1; v < n; ++v) {
+            *(roof.labels[v] == PCI_NO_LABEL ? &open : &fixed) += 1;
+        }
+        // Where everything is labelled, the bound is the optimum.
+        if (roof.component_count == 0) {
+            assert_int_equal(roof.bound, best);
+        }
+        pci_scratch_end(&scratch);
+    }
+    assert_true(fixed > 100 && open > 100);
+    pc_context_destroy(context);
+}
+
+// A flow that equals a cut is maximal, and the cut minimal.
+static void flow_equals_cut(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    enum { NODES = 40, EDGES = 130 };
+    for (uint64_t seed = 0; seed < 100; ++seed) {
+        uint32_t heads[2 * EDGES], arcs[2 * EDGES];
+        int64_t capacities[2 * EDGES], terminals[NODES], before[2 * EDGES], inflow[NODES];
+        size_t offsets[NODES + 1] = {0};
+        for (uint32_t e = 0; e < EDGES; ++e) {
+            const uint64_t bits = pci_random_bits(seed, 5, e);
+            heads[2 * e] = (uint32_t)(bits % NODES);
+            heads[2 * e + 1] = (heads[2 * e] + 1 + (uint32_t)(bits >> 8) % (NODES - 1)) % NODES;
+            before[2 * e] = capacities[2 * e] = (int64_t)(bits >> 40 & 15);
+            before[2 * e + 1] = capacities[2 * e + 1] = (int64_t)(bits >> 50 & 3);
+        }
+        size_t filled = 0;
+        for (uint32_t v = 0; v < NODES; ++v) {
+            offsets[v] = filled;
+            for (uint32_t arc = 0; arc < 2 * EDGES; ++arc) {
+                if (heads[arc ^ 1u] == v) {
+                    arcs[filled++] = arc;
+                }
+            }
+            inflow[v] = terminals[v] = (int64_t)(pci_random_bits(seed, 6, v) % 31) - 15;
+        }
+        offsets[NODES] = filled;
+        const pci_flow_network net = {.node_count = NODES,
+                                      .arc_count = 2 * EDGES,
+                                      .heads = heads,
+                                      .offsets = offsets,
+                                      .arcs = arcs,
+                                      .capacities = capacities,
+                                      .terminals = terminals};
+        int64_t flow = 0, cut = 0, sent = 0;
+        uint8_t reachable[NODES];
+        assert_true(pci_maxflow(context, &net, &flow, reachable));
+        for (uint32_t e = 0; e < EDGES; ++e) {
+            const int64_t along = before[2 * e] - capacities[2 * e];
+            assert_true(capacities[2 * e] >= 0 && capacities[2 * e + 1] >= 0);
+            assert_int_equal(capacities[2 * e] + capacities[2 * e + 1],
+                             before[2 * e] + before[2 * e + 1]);
+            const uint32_t to = heads[2 * e], from = heads[2 * e + 1];
+            inflow[from] -= along, inflow[to] += along;
+            cut += reachable[from] && !reachable[to] ? before[2 * e] : 0;
+            cut += reachable[to] && !reachable[from] ? before[2 * e + 1] : 0;
+        }
+        for (uint32_t v = 0; v < NODES; ++v) {
+            const int64_t start = (int64_t)(pci_random_bits(seed, 6, v) % 31) - 15;
+            // What came from or went to the terminal is balanced by the arcs.
+            assert_int_equal(inflow[v], terminals[v]);
+            sent += start > 0 ? start - terminals[v] : 0;
+            cut += start > 0 && !reachable[v] ? start : 0;
+            cut += start < 0 && reachable[v] ? -start : 0;
+        }
+        assert_int_equal(sent, flow);
+        assert_int_equal(cut, flow);
+    }
+    pc_context_destroy(context);
+}
+
+// ---- special cases ------------------------------------------------------------------------------
+
+static void trivial_graphs(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    small_graph g;
+    pc_label_report report;
+    pc_labels labels = {0};
+    start_graph(&g, 0);
+    assert_ok(context, pc_label(context, &g.graph, NULL, &labels, &report));
+    assert_int_equal(labels.vertex_count, 0);
+    assert_int_equal(report.outcome, PC_LABEL_OPTIMAL);
+    pc_labels_free(context, &labels);
+    // A vertex that nothing opposes is kept.
+    start_graph(&g, 1);
+    assert_ok(context, pc_label(context, &g.graph, NULL, &labels, NULL));
+    assert_int_equal(labels.labels[0], 1);
+    pc_labels_free(context, &labels);
+    // So is a connected part without opposite edges, as a whole.
+    start_graph(&g, 6);
+    add_edge(&g, 0, 5, 1.0);
+    add_edge(&g, 5, 3, 1.0);
+    add_edge(&g, 1, 2, 0.0);
+    assert_ok(context, pc_label(context, &g.graph, NULL, &labels, &report));
+    for (size_t v = 0; v < 6; ++v) {
+        assert_int_equal(labels.labels[v], 1);
+    }
+    assert_true(report.objective == 0.0 && report.bound == 0.0);
+    pc_labels_free(context, &labels);
+    pc_context_destroy(context);
+}
+
+// Two sheets of 4 x 4 vertices, outer and inner: the outer one is kept whole.
+static void keeps_the_outer_sheet(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    enum { SIDE = 4, SHEET = SIDE * SIDE };
+    uint32_t edges[8 * SHEET], opposites[2 * SHEET];
+    double weights[4 * SHEET];
+    int8_t signs[SHEET];
+    pc_graph graph = {.vertex_count = 2 * SHEET,
+                      .edges = edges,
+                      .edge_weights = weights,
+                      .opposites = opposites,
+                      .opposite_signs = signs};
+    for (uint32_t v = 0; v < 2 * SHEET; ++v) {
+        if (v % SIDE + 1 < SIDE) {
+            edges[2 * graph.edge_count] = v, edges[2 * graph.edge_count + 1] = v + 1;
+            weights[graph.edge_count++] = 1.0;
+        }
+        if (v % SHEET + SIDE < SHEET) {
+            edges[2 * graph.edge_count] = v, edges[2 * graph.edge_count + 1] = v + SIDE;
+            weights[graph.edge_count++] = 1.0;
+        }
+    }
+    for (uint32_t v = 0; v < SHEET; ++v) {
+        opposites[2 * v] = v, opposites[2 * v + 1] = v + SHEET;
+        signs[v] = v == 0 ? -1 : v % 3 == 0 ? 0 : 1; // one vertex thinks otherwise
+    }
+    graph.opposite_count = SHEET;
+    pc_labels labels = {0};
+    pc_label_report report;
+    assert_ok(context, pc_label(context, &graph, NULL, &labels, &report));
+    for (uint32_t v = 0; v < 2 * SHEET; ++v) {
+        assert_int_equal(labels.labels[v], v < SHEET);
+    }
+    assert_int_equal(report.outcome, PC_LABEL_OPTIMAL);
+    assert_close(report.objective, 1.0, 1e-12);
+    pc_labels_free(context, &labels);
+    pc_context_destroy(context);
+}
+
+static void extreme_weights(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    const double factors[] = {1e-300, 1e-30, 1e30, 1e250};
+    const pc_label_options o = make_options(1, 1, 0.5, 100), smooth_only = make_options(1, 0, 0, 0);
+    for (uint64_t seed = 0; seed < 40; ++seed) {
+        small_graph g;
+        random_graph(&g, seed);
+        for (size_t e = 0; e < g.graph.edge_count; ++e) {
+            g.weights[e] *= factors[seed % 4];
+        }
+        check_against_brute_force(context, &g.graph, &o);
+        assert_true(check_against_brute_force(context, &g.graph, &smooth_only));
+    }
+    small_graph g;
+    start_graph(&g, 2);
+    add_edge(&g, 0, 1, DBL_MAX);
+    pc_labels labels = {0};
+    assert_int_equal(pc_label(context, &g.graph, NULL, &labels, NULL), PC_ERROR_INVALID_ARGUMENT);
+    pc_context_destroy(context);
+}
+
+static void bad_input(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    for (int fault = 0; fault < 8; ++fault) {
+        small_graph g;
+        start_graph(&g, 3);
+        add_edge(&g, 0, 1, 1.0);
+        add_opposite(&g, 1, 2, 1);
+        pc_label_options o = make_options(3, 1, 1, 100);
+        pc_labels labels = {0};
+        pc_status expected = PC_ERROR_INVALID_ARGUMENT;
+        uint8_t occupied = 0;
+        switch (fault) {
+        case 0:
+            g.weights[0] = -1e-9;
+            break;
+        case 1:
+            g.weights[0] = (double)NAN;
+            break;
+        case 2:
+            g.weights[0] = (double)INFINITY;
+            break;
+        case 3:
+            g.edges[1] = 3;
+            break;
+        case 4:
+            g.opposites[0] = 7;
+            break;
+        case 5:
+            g.signs[0] = 2;
+            break;
+        case 6:
+            o.lambda_bias = -1.0, expected = PC_ERROR_INVALID_OPTIONS;
+            break;
+        default:
+            labels.labels = &occupied;
+            break;
+        }
+        assert_int_equal(pc_label(context, &g.graph, &o, &labels, NULL), expected);
+        assert_true(labels.labels == NULL || fault == 7);
+        assert_int_equal(labels.vertex_count, 0);
+        assert_string_equal(pc_context_error(context)->stage, "label");
+    }
+    pc_context_destroy(context);
 }
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(waits_to_be_written),
+        cmocka_unit_test(agrees_with_enumeration),
+        cmocka_unit_test(roof_labels_extend_to_an_optimum),
+        cmocka_unit_test(flow_equals_cut),
+        cmocka_unit_test(trivial_graphs),
+        cmocka_unit_test(keeps_the_outer_sheet),
+        cmocka_unit_test(extreme_weights),
+        cmocka_unit_test(bad_input),
     };
     return cmocka_run_group_tests_name("label", tests, NULL, NULL);
 }

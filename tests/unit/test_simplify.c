@@ -1,13 +1,324 @@
 #include "support/test.h"
 
-static void waits_to_be_written(void **state) {
+#include "core/topology.h"
+#include "support/surfaces.h"
+
+typedef struct shape {
+    size_t components, loops;
+    long euler;
+    double angle_mean, angle_worst; // smallest angle per triangle, degrees
+} shape;
+
+// Measures a mesh and checks what every proxy must be: a consistently oriented manifold of proper
+// triangles that uses each of its vertices.
+static shape check_manifold(pc_context *context, const pc_mesh *mesh) {
+    pci_scratch scratch = pci_scratch_begin(context);
+    pci_topology topology;
+    assert_true(pci_topology_build(&scratch, mesh, &topology));
+    assert_int_equal(pci_nonmanifold_edge_count(&topology), 0);
+    assert_int_equal(pci_nonmanifold_vertex_count(&scratch, mesh, &topology), 0);
+    for (size_t e = 0; e < topology.edge_count; ++e) {
+        const size_t begin = topology.edge_triangle_offsets[e];
+        int balance = 0; // +1 per triangle that runs the edge upwards, -1 downwards
+        for (size_t i = begin; i < topology.edge_triangle_offsets[e + 1]; ++i) {
+            const uint32_t *corner = &mesh->triangles[3 * (size_t)topology.edge_triangles[i]];
+            for (size_t c = 0; c < 3; ++c) {
+                balance += corner[c] == topology.edges[2 * e] &&
+                           corner[(c + 1) % 3] == topology.edges[2 * e + 1];
+                balance -= corner[(c + 1) % 3] == topology.edges[2 * e] &&
+                           corner[c] == topology.edges[2 * e + 1];
+            }
+        }
+        assert_int_equal(balance == 0, topology.edge_triangle_offsets[e + 1] - begin == 2);
+    }
+    for (size_t v = 0; v < mesh->vertex_count; ++v) {
+        assert_true(topology.vertex_triangle_offsets[v] < topology.vertex_triangle_offsets[v + 1]);
+    }
+    shape result = {.angle_worst = 180.0};
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        const uint32_t *corner = &mesh->triangles[3 * t];
+        assert_true(corner[0] != corner[1] && corner[1] != corner[2] && corner[2] != corner[0]);
+        double smallest = 180.0;
+        for (size_t c = 0; c < 3; ++c) {
+            double a[3], b[3];
+            const double *at = &mesh->positions[3 * (size_t)corner[c]];
+            assert_true(isfinite(at[0]) && isfinite(at[1]) && isfinite(at[2]));
+            pci_sub(&mesh->positions[3 * (size_t)corner[(c + 1) % 3]], at, a);
+            pci_sub(&mesh->positions[3 * (size_t)corner[(c + 2) % 3]], at, b);
+            const double cosine = pci_dot(a, b) / (pci_norm(a) * pci_norm(b));
+            smallest = fmin(smallest, acos(fmin(fmax(cosine, -1.0), 1.0)) * 57.29577951308232);
+        }
+        result.angle_mean += smallest / (double)mesh->triangle_count;
+        result.angle_worst = fmin(result.angle_worst, smallest);
+    }
+    size_t *offsets = NULL;
+    uint32_t *loops = NULL;
+    uint32_t *component = PCI_SCRATCH(&scratch, uint32_t, mesh->triangle_count);
+    assert_true(pci_boundary_loops(&scratch, mesh, &topology, &result.loops, &offsets, &loops));
+    result.components = pci_triangle_components(&scratch, mesh, &topology, component);
+    result.euler =
+        (long)mesh->vertex_count - (long)topology.edge_count + (long)mesh->triangle_count;
+    pci_scratch_end(&scratch);
+    return result;
+}
+
+// Simplifies and frees the input.
+static pc_mesh simplified(pc_context *context, pc_mesh *mesh, uint32_t vertices,
+                          pc_simplify_report *report) {
+    pc_simplify_options options;
+    pc_record_set_defaults(&pc_simplify_options_record, &options);
+    options.vertices = vertices;
+    pc_mesh proxy = {0};
+    assert_ok(context, pc_simplify(context, mesh, mesh, &options, &proxy, report));
+    pc_mesh_free(context, mesh);
+    return proxy;
+}
+
+static void keeps_the_topology(void **state) {
     (void)state;
-    skip();
+    pc_context *context = test_context(1);
+    const struct {
+        pc_mesh mesh;
+        size_t loops;
+        long euler;
+    } cases[] = {
+        {test_sphere(context, 12), 0, 2},
+        {test_tube(context, 40, 30, 1.0, 3.0), 2, 0},
+        {test_sheet(context, 30, 30, 1.0, 1.0), 1, 1},
+        {test_torus(context, 60, 30, 1.0, 0.4), 0, 0},
+    };
+    for (size_t i = 0; i < 4; ++i) {
+        pc_mesh mesh = cases[i].mesh;
+        pc_simplify_report report = {0};
+        pc_mesh proxy = simplified(context, &mesh, 100, &report);
+        const shape found = check_manifold(context, &proxy);
+        assert_int_equal(proxy.vertex_count, 100);
+        assert_int_equal(found.components, 1);
+        assert_int_equal(found.loops, cases[i].loops);
+        assert_int_equal(found.euler, cases[i].euler);
+        assert_int_equal(report.vertices, 100);
+        assert_int_equal(report.triangles, proxy.triangle_count);
+        assert_int_equal(report.components, 1);
+        assert_int_equal(report.boundary_loops, cases[i].loops);
+        assert_int_equal(report.shortfall, PC_SHORTFALL_NONE);
+        assert_true(found.angle_mean > 47.0 && found.angle_worst > 20.0);
+        pc_mesh_free(context, &proxy);
+    }
+    pc_context_destroy(context);
+}
+
+static void reaches_any_vertex_count(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    static const uint32_t counts[] = {4, 5, 6, 7, 9, 13, 32, 77, 128, 500, 3000};
+    for (size_t i = 0; i < sizeof(counts) / sizeof(counts[0]); ++i) {
+        pc_mesh sheet = test_sheet(context, 20, 20, 1.0, 1.0), ball = test_sphere(context, 8);
+        pc_mesh proxy = simplified(context, &sheet, counts[i], NULL);
+        assert_int_equal(proxy.vertex_count, counts[i]);
+        assert_int_equal(check_manifold(context, &proxy).euler, 1);
+        pc_mesh_free(context, &proxy);
+        proxy = simplified(context, &ball, counts[i], NULL);
+        assert_int_equal(proxy.vertex_count, counts[i]);
+        assert_int_equal(check_manifold(context, &proxy).euler, 2);
+        pc_mesh_free(context, &proxy);
+    }
+    pc_context_destroy(context);
+}
+
+// A tube needs six vertices; fewer cannot carry it and the report says so.
+static void says_why_it_falls_short(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_simplify_report report = {0};
+    pc_mesh tube = test_tube(context, 20, 20, 1.0, 1.0);
+    pc_mesh proxy = simplified(context, &tube, 4, &report);
+    assert_int_equal(proxy.vertex_count, 6);
+    assert_int_equal(report.shortfall, PC_SHORTFALL_TOPOLOGY);
+    assert_int_equal(check_manifold(context, &proxy).loops, 2);
+    pc_mesh_free(context, &proxy);
+
+    // Of two parts the small one would get less than one vertex.
+    pc_mesh big = test_sheet(context, 20, 20, 1.0, 1.0),
+            small = test_sheet(context, 4, 4, 0.1, 0.1);
+    const double offset[3] = {2.0, 0.0, 0.0};
+    pc_mesh both = test_union(context, &big, &small, offset);
+    proxy = simplified(context, &both, 32, &report);
+    assert_int_equal(proxy.vertex_count, 32);
+    assert_int_equal(report.shortfall, PC_SHORTFALL_BUDGET);
+    assert_int_equal(report.dropped_parts, 1);
+    assert_int_equal(check_manifold(context, &proxy).components, 1);
+    pc_mesh_free(context, &proxy);
+    pc_mesh_free(context, &big);
+    pc_mesh_free(context, &small);
+    pc_context_destroy(context);
+}
+
+static void shares_the_budget_between_parts(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh big = test_sheet(context, 30, 30, 1.0, 1.0),
+            half = test_sheet(context, 20, 20, 0.5, 1.0);
+    const double offset[3] = {3.0, 0.0, 0.0};
+    pc_mesh both = test_union(context, &big, &half, offset);
+    pc_mesh proxy = simplified(context, &both, 120, NULL);
+    const shape found = check_manifold(context, &proxy);
+    assert_int_equal(found.components, 2);
+    assert_int_equal(found.loops, 2);
+    size_t right = 0;
+    for (size_t v = 0; v < proxy.vertex_count; ++v) {
+        right += proxy.positions[3 * v] > 2.0;
+    }
+    assert_in_range(right, 34, 48); // a third of the area
+    pc_mesh_free(context, &proxy);
+    pc_mesh_free(context, &big);
+    pc_mesh_free(context, &half);
+    pc_context_destroy(context);
+}
+
+// A strap far narrower than a cluster between two sheets stays a strip of triangles.
+static void keeps_a_narrow_strap(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh mesh = test_sheet(context, 120, 40, 3.0, 1.0);
+    uint8_t *keep = PCI_ALLOCATE(context, uint8_t, mesh.triangle_count);
+    for (size_t t = 0; t < mesh.triangle_count; ++t) {
+        const double *p = &mesh.positions[3 * (size_t)mesh.triangles[3 * t]];
+        keep[t] = p[0] < 0.999 || p[0] > 1.999 || (p[1] > 0.449 && p[1] < 0.499);
+    }
+    pci_scratch scratch = pci_scratch_begin(context);
+    pc_mesh strapped = {0};
+    assert_true(pci_mesh_compact(&scratch, &mesh, keep, &strapped, NULL));
+    pci_scratch_end(&scratch);
+    pc_mesh proxy = simplified(context, &strapped, 40, NULL);
+    const shape found = check_manifold(context, &proxy);
+    assert_int_equal(proxy.vertex_count, 40);
+    assert_int_equal(found.components, 1);
+    assert_int_equal(found.loops, 1);
+    assert_int_equal(found.euler, 1);
+    pc_mesh_free(context, &proxy);
+    pc_mesh_free(context, &mesh);
+    pc_release(context, keep);
+    pc_context_destroy(context);
+}
+
+// The proxy of a flat square lies in its plane, keeps its corners and is not turned over.
+static void hems_do_not_shrink(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh sheet = test_sheet(context, 40, 40, 1.0, 1.0);
+    pc_mesh proxy = simplified(context, &sheet, 64, NULL);
+    double area = 0.0;
+    for (size_t t = 0; t < proxy.triangle_count; ++t) {
+        double ab[3], ac[3], normal[3];
+        const uint32_t *corner = &proxy.triangles[3 * t];
+        pci_sub(&proxy.positions[3 * (size_t)corner[1]], &proxy.positions[3 * (size_t)corner[0]],
+                ab);
+        pci_sub(&proxy.positions[3 * (size_t)corner[2]], &proxy.positions[3 * (size_t)corner[0]],
+                ac);
+        pci_cross(ab, ac, normal);
+        assert_true(normal[2] > 0.0);
+        area += 0.5 * normal[2];
+    }
+    for (size_t v = 0; v < proxy.vertex_count; ++v) {
+        assert_close(proxy.positions[3 * v + 2], 0.0, 1e-12);
+    }
+    assert_true(area > 0.9 && area < 1.0 + 1e-12);
+    pc_mesh_free(context, &proxy);
+    pc_context_destroy(context);
+}
+
+// Flipped faces, a third triangle on an edge and a bow tie are repaired first.
+static void repairs_its_input(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    for (uint64_t seed = 0; seed < 20; ++seed) {
+        pc_mesh mesh = test_tube(context, 12, 10, 1.0, 2.0);
+        for (uint64_t i = 0; i < 40; ++i) {
+            const size_t t = (size_t)(pci_random(seed, 1, i) * (double)mesh.triangle_count);
+            uint32_t *corner = &mesh.triangles[3 * t];
+            if (i % 2 == 0) { // turn over
+                const uint32_t swapped = corner[0];
+                corner[0] = corner[1];
+                corner[1] = swapped;
+            } else { // tie to an arbitrary vertex
+                corner[i % 3] = (uint32_t)(pci_random(seed, 2, i) * (double)mesh.vertex_count);
+            }
+        }
+        pc_mesh proxy = simplified(context, &mesh, 60, NULL);
+        check_manifold(context, &proxy);
+        pc_mesh_free(context, &proxy);
+    }
+    pc_context_destroy(context);
+}
+
+static void is_deterministic(void **state) {
+    (void)state;
+    static const uint32_t threads[] = {1, 2, 3, 8};
+    pc_mesh first = {0};
+    pc_context *owner = test_context(1);
+    for (size_t i = 0; i < 4; ++i) {
+        pc_context *context = test_context(threads[i]);
+        pc_mesh torus = test_torus(context, 40, 30, 1.0, 0.4);
+        pc_mesh proxy = simplified(context, &torus, 200, NULL);
+        if (i == 0) {
+            torus = test_torus(owner, 40, 30, 1.0, 0.4);
+            first = simplified(owner, &torus, 200, NULL);
+        }
+        assert_int_equal(proxy.triangle_count, first.triangle_count);
+        assert_memory_equal(proxy.positions, first.positions, 3 * 200 * sizeof(double));
+        assert_memory_equal(proxy.triangles, first.triangles,
+                            3 * first.triangle_count * sizeof(uint32_t));
+        pc_mesh_free(context, &proxy);
+        pc_context_destroy(context);
+    }
+    pc_mesh_free(owner, &first);
+    pc_context_destroy(owner);
+}
+
+static void rejects_bad_arguments(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh sheet = test_sheet(context, 2, 2, 1.0, 1.0), proxy = {0};
+    pc_simplify_options options;
+    pc_record_set_defaults(&pc_simplify_options_record, &options);
+    assert_int_equal(pc_simplify(context, &sheet, NULL, NULL, &proxy, NULL),
+                     PC_ERROR_INVALID_ARGUMENT);
+    assert_int_equal(pc_simplify(context, &sheet, &sheet, NULL, &sheet, NULL),
+                     PC_ERROR_INVALID_ARGUMENT);
+    options.vertices = 3;
+    assert_int_equal(pc_simplify(context, &sheet, &sheet, &options, &proxy, NULL),
+                     PC_ERROR_INVALID_OPTIONS);
+    options.vertices = 8;
+    sheet.triangles[4] = 9;
+    assert_int_equal(pc_simplify(context, &sheet, &sheet, &options, &proxy, NULL),
+                     PC_ERROR_INVALID_ARGUMENT);
+    sheet.triangles[4] = 0;
+    sheet.positions[5] = NAN;
+    assert_int_equal(pc_simplify(context, &sheet, &sheet, &options, &proxy, NULL),
+                     PC_ERROR_INVALID_ARGUMENT);
+    memset(sheet.positions, 0, 3 * sheet.vertex_count * sizeof(double));
+    assert_int_equal(pc_simplify(context, &sheet, &sheet, &options, &proxy, NULL),
+                     PC_ERROR_NO_PROXY);
+    const pc_mesh empty = {0};
+    assert_int_equal(pc_simplify(context, &sheet, &empty, &options, &proxy, NULL),
+                     PC_ERROR_NO_PROXY);
+    assert_null(proxy.positions);
+    assert_null(proxy.triangles);
+    pc_mesh_free(context, &sheet);
+    pc_context_destroy(context);
 }
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(waits_to_be_written),
+        cmocka_unit_test(keeps_the_topology),
+        cmocka_unit_test(reaches_any_vertex_count),
+        cmocka_unit_test(says_why_it_falls_short),
+        cmocka_unit_test(shares_the_budget_between_parts),
+        cmocka_unit_test(keeps_a_narrow_strap),
+        cmocka_unit_test(hems_do_not_shrink),
+        cmocka_unit_test(repairs_its_input),
+        cmocka_unit_test(is_deterministic),
+        cmocka_unit_test(rejects_bad_arguments),
     };
     return cmocka_run_group_tests_name("simplify", tests, NULL, NULL);
 }

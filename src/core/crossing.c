@@ -1,0 +1,185 @@
+// Crossing test after Moeller, "A fast triangle-triangle intersection test" (1997), in double and
+// relative to the pair's own origin; pairs come from a sweep along the longest axis.
+#include "core/crossing.h"
+
+#include <stdlib.h>
+
+#define RELATIVE_ZERO 1e-12
+
+// Signed distances of three points from the plane of a triangle. False: the triangle has no plane.
+static bool plane_distances(const double triangle[9], const double points[9], unsigned shared,
+                            double zero, double normal[3], double distance[3]) {
+    double ab[3], ac[3];
+    pci_sub(&triangle[3], triangle, ab);
+    pci_sub(&triangle[6], triangle, ac);
+    pci_cross(ab, ac, normal);
+    // An area below that of a needle of width `zero` has no direction.
+    if (pci_norm(normal) <= zero * sqrt(fmax(pci_dot(ab, ab), pci_dot(ac, ac))) ||
+        !pci_normalize(normal)) {
+        return false;
+    }
+    for (size_t i = 0; i < 3; ++i) {
+        double offset[3];
+        pci_sub(&points[3 * i], triangle, offset);
+        distance[i] = pci_dot(normal, offset);
+        if (shared >> i & 1U || fabs(distance[i]) <= zero) {
+            distance[i] = 0.0;
+        }
+    }
+    return true;
+}
+
+static bool on_both_sides(const double distance[3]) {
+    return fmin(fmin(distance[0], distance[1]), distance[2]) < 0.0 &&
+           fmax(fmax(distance[0], distance[1]), distance[2]) > 0.0;
+}
+
+// The stretch of the line `direction` that lies in a triangle with corners on both sides.
+static void stretch(const double triangle[9], const double distance[3], const double direction[3],
+                    double interval[2]) {
+    interval[0] = INFINITY, interval[1] = -INFINITY;
+    for (size_t i = 0; i < 3; ++i) {
+        const size_t j = (i + 1) % 3;
+        const double at_i = pci_dot(direction, &triangle[3 * i]);
+        const double at_j = pci_dot(direction, &triangle[3 * j]);
+        double at = at_i;
+        if (distance[i] * distance[j] < 0.0) {
+            at += (at_j - at_i) * (distance[i] / (distance[i] - distance[j]));
+        } else if (distance[i] != 0.0) {
+            continue;
+        }
+        interval[0] = fmin(interval[0], at);
+        interval[1] = fmax(interval[1], at);
+    }
+}
+
+bool pci_triangles_cross(const double a[9], unsigned shared_a, const double b[9],
+                         unsigned shared_b) {
+    // Coordinates relative to a corner, so that the position in space costs no digits.
+    double p[9], q[9], extent = 0.0;
+    for (size_t i = 0; i < 3; ++i) {
+        pci_sub(&a[3 * i], a, &p[3 * i]);
+        pci_sub(&b[3 * i], a, &q[3 * i]);
+        for (size_t k = 0; k < 3; ++k) {
+            extent = fmax(extent, fmax(fabs(p[3 * i + k]), fabs(q[3 * i + k])));
+        }
+    }
+    const double zero = RELATIVE_ZERO * extent;
+    double normal_p[3], normal_q[3], distance_p[3], distance_q[3];
+    if (!plane_distances(q, p, shared_a, zero, normal_q, distance_p) ||
+        !on_both_sides(distance_p) ||
+        !plane_distances(p, q, shared_b, zero, normal_p, distance_q) ||
+        !on_both_sides(distance_q)) {
+        return false;
+    }
+    double direction[3], interval_p[2], interval_q[2];
+    pci_cross(normal_p, normal_q, direction);
+    if (!pci_normalize(direction)) {
+        return false;
+    }
+    stretch(p, distance_p, direction, interval_p);
+    stretch(q, distance_q, direction, interval_q);
+    return fmin(interval_p[1], interval_q[1]) - fmax(interval_p[0], interval_q[0]) > zero;
+}
+
+typedef struct box {
+    double minimum[3], maximum[3];
+    uint32_t triangle;
+} box;
+
+typedef struct sweep {
+    const pc_mesh *mesh;
+    const box *boxes; // ascending along `axis`
+    size_t axis;
+    uint64_t *counts; // per piece
+    size_t grain;
+} sweep;
+
+static bool pair_crosses(const pc_mesh *mesh, uint32_t first, uint32_t second) {
+    double a[9], b[9];
+    unsigned shared_a = 0, shared_b = 0, shared = 0;
+    for (size_t i = 0; i < 3; ++i) {
+        const uint32_t u = mesh->triangles[3 * (size_t)first + i];
+        const uint32_t v = mesh->triangles[3 * (size_t)second + i];
+        memcpy(&a[3 * i], &mesh->positions[3 * (size_t)u], 3 * sizeof(*a));
+        memcpy(&b[3 * i], &mesh->positions[3 * (size_t)v], 3 * sizeof(*b));
+        for (size_t j = 0; j < 3; ++j) {
+            if (mesh->triangles[3 * (size_t)second + j] == u) {
+                shared_a |= 1U << i;
+                shared_b |= 1U << j;
+                ++shared;
+            }
+        }
+    }
+    return shared < 2 && pci_triangles_cross(a, shared_a, b, shared_b);
+}
+
+static void sweep_boxes(void *user, size_t begin, size_t end, uint32_t worker) {
+    sweep *s = user;
+    (void)worker;
+    const size_t x = s->axis, y = (x + 1) % 3, z = (x + 2) % 3;
+    uint64_t count = 0;
+    for (size_t i = begin; i < end; ++i) {
+        const box *a = &s->boxes[i];
+        for (size_t j = i + 1;
+             j < s->mesh->triangle_count && s->boxes[j].minimum[x] <= a->maximum[x]; ++j) {
+            const box *b = &s->boxes[j];
+            if (a->minimum[y] <= b->maximum[y] && b->minimum[y] <= a->maximum[y] &&
+                a->minimum[z] <= b->maximum[z] && b->minimum[z] <= a->maximum[z]) {
+                count += pair_crosses(s->mesh, a->triangle, b->triangle);
+            }
+        }
+    }
+    s->counts[begin / s->grain] = count;
+}
+
+#define COMPARE_BOXES(name, axis)                                                                  \
+    static int name(const void *a, const void *b) {                                                \
+        const box *p = a, *q = b;                                                                  \
+        const double x = p->minimum[axis], y = q->minimum[axis];                                   \
+        return x < y || (x == y && p->triangle < q->triangle) ? -1 : 1;                            \
+    }
+COMPARE_BOXES(compare_x, 0)
+COMPARE_BOXES(compare_y, 1)
+COMPARE_BOXES(compare_z, 2)
+
+pc_status pci_count_self_intersections(pc_context *context, const char *stage, const pc_mesh *mesh,
+                                       uint64_t *count) {
+    static int (*const compare[3])(const void *, const void *) = {compare_x, compare_y, compare_z};
+    pci_scratch scratch = pci_scratch_begin(context);
+    const size_t grain = 128, pieces = (mesh->triangle_count + grain - 1) / grain;
+    box *boxes = PCI_SCRATCH(&scratch, box, mesh->triangle_count);
+    uint64_t *counts = PCI_SCRATCH(&scratch, uint64_t, pieces);
+    if (scratch.failed) {
+        pci_scratch_end(&scratch);
+        return pci_fail_memory(context, stage);
+    }
+    double minimum[3] = {INFINITY, INFINITY, INFINITY};
+    double maximum[3] = {-INFINITY, -INFINITY, -INFINITY};
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        boxes[t].triangle = (uint32_t)t;
+        for (size_t k = 0; k < 3; ++k) {
+            const double x = mesh->positions[3 * (size_t)mesh->triangles[3 * t] + k];
+            const double y = mesh->positions[3 * (size_t)mesh->triangles[3 * t + 1] + k];
+            const double z = mesh->positions[3 * (size_t)mesh->triangles[3 * t + 2] + k];
+            boxes[t].minimum[k] = fmin(fmin(x, y), z);
+            boxes[t].maximum[k] = fmax(fmax(x, y), z);
+            minimum[k] = fmin(minimum[k], boxes[t].minimum[k]);
+            maximum[k] = fmax(maximum[k], boxes[t].maximum[k]);
+        }
+    }
+    size_t axis = 0;
+    for (size_t k = 1; k < 3; ++k) {
+        axis = maximum[k] - minimum[k] > maximum[axis] - minimum[axis] ? k : axis;
+    }
+    qsort(boxes, mesh->triangle_count, sizeof(*boxes), compare[axis]);
+
+    sweep s = {.mesh = mesh, .boxes = boxes, .axis = axis, .counts = counts, .grain = grain};
+    pci_parallel_for(context, mesh->triangle_count, grain, sweep_boxes, &s);
+    *count = 0;
+    for (size_t i = 0; i < pieces; ++i) {
+        *count += counts[i];
+    }
+    pci_scratch_end(&scratch);
+    return PC_OK;
+}

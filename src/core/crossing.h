@@ -1,0 +1,20 @@
+// Self-intersections of a triangle mesh.
+#ifndef PCI_CROSSING_H
+#define PCI_CROSSING_H
+
+#include "core/core.h"
+#include "proxycloth/mesh.h"
+
+// Whether two triangles cross: each has corners strictly on both sides of the other's plane, and
+// they share a piece of the line between the planes. Lengths below 1e-12 of the pair's extent count
+// as zero, so touching, coplanar overlap and degenerate triangles are no crossing. Bit i of
+// `shared_a` marks corner i of `a` as a corner of `b` too, and the same for `shared_b`: such a
+// corner is exactly on the other plane, and a crossing has to go on beyond it.
+bool pci_triangles_cross(const double a[9], unsigned shared_a, const double b[9],
+                         unsigned shared_b);
+
+// Pairs of triangles that cross; pairs that share two or three vertices are not looked at.
+PC_NODISCARD pc_status pci_count_self_intersections(pc_context *context, const char *stage,
+                                                    const pc_mesh *mesh, uint64_t *count);
+
+#endif

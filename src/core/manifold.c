@@ -1,0 +1,370 @@
+#include "core/manifold.h"
+
+#include <stdlib.h>
+
+#include "core/topology.h"
+
+typedef struct repair {
+    pci_scratch *scratch;
+    const pc_mesh *mesh;
+    pci_topology topology;
+    uint8_t *alive;      // #F
+    uint32_t *glued;     // 3 #F, the half-edge on the other side, or none
+    uint8_t *flipped;    // #F, orientation is reversed
+    uint32_t *parent;    // 3 #F, union-find over corners: the fans
+    uint32_t *triangles; // 3 #F, current corners: root corner of the fan
+} repair;
+
+typedef struct sorted_triangle {
+    uint32_t corners[3]; // ascending
+    uint32_t index;
+} sorted_triangle;
+
+static int compare_triangles(const void *a, const void *b) {
+    const sorted_triangle *x = a, *y = b;
+    for (size_t c = 0; c < 3; ++c) {
+        if (x->corners[c] != y->corners[c]) {
+            return x->corners[c] < y->corners[c] ? -1 : 1;
+        }
+    }
+    return (x->index > y->index) - (x->index < y->index);
+}
+
+// Marks the proper triangles that occur for the first time.
+static bool drop_degenerate(repair *r, const uint8_t *keep) {
+    const pc_mesh *mesh = r->mesh;
+    sorted_triangle *sorted = PCI_SCRATCH(r->scratch, sorted_triangle, mesh->triangle_count);
+    if (sorted == NULL) {
+        return false;
+    }
+    size_t count = 0;
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        uint32_t c[3];
+        memcpy(c, &mesh->triangles[3 * t], sizeof(c));
+        if ((keep != NULL && !keep[t]) || c[0] == c[1] || c[1] == c[2] || c[2] == c[0]) {
+            continue;
+        }
+        for (size_t i = 0; i < 3; ++i) { // three compare-and-swaps sort three numbers
+            const size_t low = i == 1 ? 1 : 0, high = low + 1;
+            if (c[low] > c[high]) {
+                const uint32_t swapped = c[low];
+                c[low] = c[high];
+                c[high] = swapped;
+            }
+        }
+        memcpy(sorted[count].corners, c, sizeof(c));
+        sorted[count++].index = (uint32_t)t;
+    }
+    qsort(sorted, count, sizeof(*sorted), compare_triangles);
+    for (size_t i = 0; i < count; ++i) {
+        r->alive[sorted[i].index] =
+            i == 0 || memcmp(sorted[i].corners, sorted[i - 1].corners, sizeof(uint32_t[3])) != 0;
+    }
+    return true;
+}
+
+// Direction from the edge of half-edge h to the opposite corner, at a right angle to the edge.
+static void wing_direction(const pc_mesh *mesh, uint32_t h, double wing[3]) {
+    const size_t t = h / 3, c = h % 3;
+    const double *a = &mesh->positions[3 * (size_t)mesh->triangles[3 * t + c]];
+    const double *b = &mesh->positions[3 * (size_t)mesh->triangles[3 * t + (c + 1) % 3]];
+    const double *o = &mesh->positions[3 * (size_t)mesh->triangles[3 * t + (c + 2) % 3]];
+    double along[3];
+    pci_sub(b, a, along);
+    pci_normalize(along);
+    pci_sub(o, a, wing);
+    const double share = pci_dot(wing, along);
+    for (size_t k = 0; k < 3; ++k) {
+        wing[k] -= share * along[k];
+    }
+    pci_normalize(wing);
+}
+
+// Joins at every edge the two living triangles that continue each other best.
+static void glue_edges(repair *r) {
+    const pci_topology *topology = &r->topology;
+    memset(r->glued, 0xff, 3 * r->mesh->triangle_count * sizeof(*r->glued));
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        const size_t begin = topology->edge_triangle_offsets[e];
+        const size_t end = topology->edge_triangle_offsets[e + 1];
+        uint32_t best[2] = {PC_INVALID_INDEX, PC_INVALID_INDEX};
+        double flattest = INFINITY;
+        for (size_t i = begin; i < end; ++i) {
+            for (size_t j = i + 1; j < end && r->alive[topology->edge_triangles[i]]; ++j) {
+                const uint32_t pair[2] = {topology->edge_triangles[i], topology->edge_triangles[j]};
+                if (!r->alive[pair[1]]) {
+                    continue;
+                }
+                uint32_t half[2];
+                double wing[2][3];
+                for (size_t s = 0; s < 2; ++s) {
+                    half[s] = 3 * pair[s];
+                    while (topology->triangle_edges[half[s]] != e) {
+                        ++half[s];
+                    }
+                    wing_direction(r->mesh, half[s], wing[s]);
+                }
+                const double bend = pci_dot(wing[0], wing[1]); // -1 is flat
+                if (bend < flattest) {
+                    flattest = bend;
+                    memcpy(best, half, sizeof(best));
+                }
+            }
+        }
+        if (best[0] != PC_INVALID_INDEX) {
+            r->glued[best[0]] = best[1];
+            r->glued[best[1]] = best[0];
+        }
+    }
+}
+
+// Whether two glued half-edges run the same way, with the flips decided so far.
+static bool same_direction(const repair *r, uint32_t h, uint32_t g) {
+    const bool same = r->mesh->triangles[h] == r->mesh->triangles[g];
+    return same != (r->flipped[h / 3] != r->flipped[g / 3]);
+}
+
+// Orients each patch of glued triangles; edges that cannot be satisfied are cut.
+static bool orient(repair *r) {
+    const size_t nf = r->mesh->triangle_count;
+    uint8_t *visited = PCI_SCRATCH(r->scratch, uint8_t, nf);
+    uint32_t *stack = PCI_SCRATCH(r->scratch, uint32_t, nf);
+    if (r->scratch->failed) {
+        return false;
+    }
+    memset(r->flipped, 0, nf);
+    for (size_t start = 0; start < nf; ++start) {
+        if (!r->alive[start] || visited[start]) {
+            continue;
+        }
+        size_t count = 0;
+        double flipped_area = 0.0, area = 0.0;
+        stack[count++] = (uint32_t)start;
+        visited[start] = 1;
+        for (size_t next = 0; next < count; ++next) { // the stack keeps the whole patch
+            const uint32_t t = stack[next];
+            const double size = pci_triangle_area(r->mesh, t);
+            area += size;
+            flipped_area += r->flipped[t] ? size : 0.0;
+            for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
+                const uint32_t g = r->glued[h];
+                if (g == PC_INVALID_INDEX) {
+                    continue;
+                }
+                if (!visited[g / 3]) {
+                    r->flipped[g / 3] = same_direction(r, h, g);
+                    visited[g / 3] = 1;
+                    stack[count++] = g / 3;
+                } else if (same_direction(r, h, g)) {
+                    r->glued[h] = PC_INVALID_INDEX;
+                    r->glued[g] = PC_INVALID_INDEX;
+                }
+            }
+        }
+        if (flipped_area > 0.5 * area) {
+            for (size_t i = 0; i < count; ++i) {
+                r->flipped[stack[i]] ^= 1;
+            }
+        }
+    }
+    return true;
+}
+
+static uint32_t find_root(uint32_t *parent, uint32_t i) {
+    while (parent[i] != i) {
+        parent[i] = parent[parent[i]];
+        i = parent[i];
+    }
+    return i;
+}
+
+static void unite(uint32_t *parent, uint32_t i, uint32_t j) {
+    i = find_root(parent, i);
+    j = find_root(parent, j);
+    parent[i < j ? j : i] = i < j ? i : j;
+}
+
+// Corners of one vertex that are connected by glued edges become one vertex.
+static void find_fans(repair *r) {
+    const uint32_t corner_count = (uint32_t)(3 * r->mesh->triangle_count);
+    for (uint32_t h = 0; h < corner_count; ++h) {
+        r->parent[h] = h;
+    }
+    for (uint32_t h = 0; h < corner_count; ++h) {
+        const uint32_t g = r->glued[h];
+        if (g == PC_INVALID_INDEX || g < h) {
+            continue;
+        }
+        const uint32_t h1 = h - h % 3 + (h + 1) % 3, g1 = g - g % 3 + (g + 1) % 3;
+        const bool same = r->mesh->triangles[h] == r->mesh->triangles[g];
+        unite(r->parent, h, same ? g : g1);
+        unite(r->parent, h1, same ? g1 : g);
+    }
+    for (uint32_t h = 0; h < corner_count; ++h) {
+        r->triangles[h] = find_root(r->parent, h);
+    }
+}
+
+typedef struct fan_edge {
+    uint64_t key;
+    uint32_t half;
+} fan_edge;
+
+static int compare_fan_edges(const void *a, const void *b) {
+    const fan_edge *x = a, *y = b;
+    if (x->key != y->key) {
+        return x->key < y->key ? -1 : 1;
+    }
+    return (x->half > y->half) - (x->half < y->half);
+}
+
+// Removes triangles that meet others in an edge without being joined to them. Returns how many.
+static size_t remove_crowded(repair *r, fan_edge *edges) {
+    size_t count = 0, removed = 0;
+    for (uint32_t h = 0; h < 3 * r->mesh->triangle_count; ++h) {
+        if (r->alive[h / 3]) {
+            const uint32_t a = r->triangles[h], b = r->triangles[h - h % 3 + (h + 1) % 3];
+            edges[count].key = a < b ? (uint64_t)a << 32 | b : (uint64_t)b << 32 | a;
+            edges[count++].half = h;
+        }
+    }
+    qsort(edges, count, sizeof(*edges), compare_fan_edges);
+    for (size_t i = 0; i < count;) {
+        size_t end = i + 1;
+        while (end < count && edges[end].key == edges[i].key) {
+            ++end;
+        }
+        const uint32_t first = edges[i].half;
+        for (size_t j = i + 1; j < end; ++j) {
+            if (r->glued[first] != edges[j].half && r->alive[edges[j].half / 3]) {
+                r->alive[edges[j].half / 3] = 0;
+                ++removed;
+            }
+        }
+        i = end;
+    }
+    return removed;
+}
+
+// Writes the living triangles with a vertex per fan, in the order of the vertices' old indices.
+static bool write_result(repair *r, pc_mesh *result, pci_repair_counts *counts) {
+    const pc_mesh *mesh = r->mesh;
+    const size_t corner_count = 3 * mesh->triangle_count;
+    pc_context *context = r->scratch->context;
+    uint32_t *number = PCI_SCRATCH(r->scratch, uint32_t, corner_count);
+    uint8_t *used = PCI_SCRATCH(r->scratch, uint8_t, mesh->vertex_count);
+    size_t *offsets = PCI_SCRATCH(r->scratch, size_t, mesh->vertex_count + 1);
+    if (r->scratch->failed) {
+        return false;
+    }
+    pc_mesh out = {0};
+    uint64_t used_count = 0;
+    for (size_t h = 0; h < corner_count; ++h) {
+        if (r->alive[h / 3]) {
+            out.triangle_count += h % 3 == 0;
+            if (r->triangles[h] == h) {
+                ++offsets[mesh->triangles[h] + 1];
+            }
+            used_count += !used[mesh->triangles[h]];
+            used[mesh->triangles[h]] = 1;
+        }
+    }
+    for (size_t v = 0; v < mesh->vertex_count; ++v) {
+        offsets[v + 1] += offsets[v];
+    }
+    out.vertex_count = offsets[mesh->vertex_count];
+    out.positions = PCI_ALLOCATE(context, double, 3 * out.vertex_count);
+    out.triangles = PCI_ALLOCATE(context, uint32_t, 3 * out.triangle_count);
+    if (out.positions == NULL || out.triangles == NULL) {
+        pc_mesh_free(context, &out);
+        return false;
+    }
+    for (size_t h = 0; h < corner_count; ++h) {
+        if (r->alive[h / 3] && r->triangles[h] == h) {
+            number[h] = (uint32_t)offsets[mesh->triangles[h]]++;
+            memcpy(&out.positions[3 * (size_t)number[h]],
+                   &mesh->positions[3 * (size_t)mesh->triangles[h]], 3 * sizeof(double));
+        }
+    }
+    uint32_t *write = out.triangles;
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        if (r->alive[t]) {
+            const size_t flip = r->flipped[t];
+            *write++ = number[r->triangles[3 * t]];
+            *write++ = number[r->triangles[3 * t + 1 + flip]];
+            *write++ = number[r->triangles[3 * t + 2 - flip]];
+            counts->flipped_triangles += flip;
+        }
+    }
+    counts->split_vertices = out.vertex_count - used_count;
+    *result = out;
+    return true;
+}
+
+bool pci_mesh_repair(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *keep,
+                     pc_mesh *result, pci_repair_counts *counts) {
+    const size_t nf = mesh->triangle_count;
+    memset(counts, 0, sizeof(*counts));
+    repair r = {.scratch = scratch, .mesh = mesh};
+    r.alive = PCI_SCRATCH(scratch, uint8_t, nf);
+    r.glued = PCI_SCRATCH(scratch, uint32_t, 3 * nf);
+    r.flipped = PCI_SCRATCH(scratch, uint8_t, nf);
+    r.parent = PCI_SCRATCH(scratch, uint32_t, 3 * nf);
+    r.triangles = PCI_SCRATCH(scratch, uint32_t, 3 * nf);
+    fan_edge *edges = PCI_SCRATCH(scratch, fan_edge, 3 * nf);
+    if (scratch->failed || !drop_degenerate(&r, keep) ||
+        !pci_topology_build(scratch, mesh, &r.topology)) {
+        return false;
+    }
+    // A removal can free a better pairing, so everything else is decided anew.
+    do {
+        glue_edges(&r);
+        if (!orient(&r)) {
+            return false;
+        }
+        find_fans(&r);
+    } while (remove_crowded(&r, edges) > 0);
+    for (size_t t = 0; t < nf; ++t) {
+        counts->removed_triangles += (keep == NULL || keep[t]) && !r.alive[t];
+    }
+    return write_result(&r, result, counts);
+}
+
+bool pci_drop_small_parts(pci_scratch *scratch, pc_mesh *mesh, double fraction, uint64_t *dropped) {
+    *dropped = 0;
+    if (mesh->triangle_count == 0) {
+        return true;
+    }
+    pci_topology topology;
+    uint32_t *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
+    if (!pci_topology_build(scratch, mesh, &topology)) {
+        return false;
+    }
+    const size_t count = pci_triangle_components(scratch, mesh, &topology, component);
+    double *areas = PCI_SCRATCH(scratch, double, count);
+    uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, mesh->triangle_count);
+    if (scratch->failed) {
+        return false;
+    }
+    double largest = 0.0;
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        areas[component[t]] += pci_triangle_area(mesh, t);
+        largest = fmax(largest, areas[component[t]]);
+    }
+    for (size_t i = 0; i < count; ++i) {
+        *dropped += areas[i] < fraction * largest;
+    }
+    if (*dropped == 0) {
+        return true;
+    }
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        keep[t] = !(areas[component[t]] < fraction * largest);
+    }
+    pc_mesh kept = {0};
+    if (!pci_mesh_compact(scratch, mesh, keep, &kept, NULL)) {
+        return false;
+    }
+    pc_mesh_free(scratch->context, mesh);
+    *mesh = kept;
+    return true;
+}

@@ -1,0 +1,162 @@
+#include "core/roof_duality.h"
+
+#include "core/maxflow.h"
+
+// The double cover has a node 2v for "v has label 1" and 2v + 1 for "v has label 0"; residual arcs
+// are implications that cost nothing to obey. Edge e of the graph owns arcs 4e .. 4e + 3, where
+// arc ^ 2 is the mirror image (the contraposition) of an arc.
+typedef struct cover {
+    pci_flow_network net;
+    uint32_t *heads;
+    size_t *offsets;
+    uint32_t *arcs;
+} cover;
+
+static bool make_cover(pci_scratch *scratch, const pci_signed_graph *graph, cover *c) {
+    const size_t nodes = 2 * graph->vertex_count, arcs = 4 * graph->edge_count;
+    c->heads = PCI_SCRATCH(scratch, uint32_t, arcs);
+    c->offsets = PCI_SCRATCH(scratch, size_t, nodes + 2);
+    c->arcs = PCI_SCRATCH(scratch, uint32_t, arcs);
+    c->net.capacities = PCI_SCRATCH(scratch, int64_t, arcs);
+    c->net.terminals = PCI_SCRATCH(scratch, int64_t, nodes);
+    if (scratch->failed) {
+        return false;
+    }
+    for (size_t e = 0; e < graph->edge_count; ++e) {
+        const pci_signed_edge *edge = &graph->edges[e];
+        const uint32_t a = 2 * edge->a, b = 2 * edge->b + (edge->opposite ? 1u : 0u);
+        const uint32_t heads[4] = {b, a, a ^ 1u, b ^ 1u};
+        memcpy(&c->heads[4 * e], heads, sizeof(heads));
+        if (edge->a == PCI_GROUND) {
+            c->net.terminals[b] += edge->cost;
+            c->net.terminals[b ^ 1u] -= edge->cost;
+            continue;
+        }
+        for (size_t k = 0; k < 4; ++k) {
+            c->net.capacities[4 * e + k] = edge->cost;
+            ++c->offsets[heads[k ^ 1] + 2];
+        }
+    }
+    size_t *next = c->offsets + 1;
+    for (size_t v = 0; v < nodes; ++v) {
+        next[v + 1] += next[v];
+    }
+    for (uint32_t arc = 0; arc < arcs; ++arc) {
+        if (graph->edges[arc / 4].a != PCI_GROUND) {
+            c->arcs[next[c->heads[arc ^ 1u]]++] = arc;
+        }
+    }
+    c->net.node_count = nodes;
+    c->net.arc_count = arcs;
+    c->net.heads = c->heads;
+    c->net.offsets = c->offsets;
+    c->net.arcs = c->arcs;
+    return true;
+}
+
+// Strongly connected components of the symmetric residual network without the labelled nodes, by
+// Tarjan's algorithm; a component has a smaller number than those it is reached from.
+static bool strong_components(pci_scratch *scratch, const cover *c, const uint8_t *skip,
+                              uint32_t *component) {
+    const size_t n = c->net.node_count;
+    uint32_t *low = PCI_SCRATCH(scratch, uint32_t, n);
+    uint32_t *index = PCI_SCRATCH(scratch, uint32_t, n); // 0: not seen
+    size_t *at = PCI_SCRATCH(scratch, size_t, n);
+    uint32_t *path = PCI_SCRATCH(scratch, uint32_t, n);
+    uint32_t *open = PCI_SCRATCH(scratch, uint32_t, n);
+    if (scratch->failed) {
+        return false;
+    }
+    uint32_t counter = 0, components = 0;
+    size_t open_count = 0;
+    memset(component, 0xff, n * sizeof(*component));
+    for (uint32_t root = 0; root < n; ++root) {
+        if (skip[root] || index[root] != 0) {
+            continue;
+        }
+        size_t depth = 0;
+        path[depth++] = root;
+        index[root] = low[root] = ++counter;
+        at[root] = c->offsets[root];
+        open[open_count++] = root;
+        while (depth != 0) {
+            const uint32_t v = path[depth - 1];
+            if (at[v] < c->offsets[v + 1]) {
+                const uint32_t arc = c->arcs[at[v]++];
+                const uint32_t w = c->heads[arc];
+                if (skip[w] || (c->net.capacities[arc] == 0 && c->net.capacities[arc ^ 2u] == 0)) {
+                    continue;
+                }
+                if (index[w] == 0) {
+                    path[depth++] = w;
+                    index[w] = low[w] = ++counter;
+                    at[w] = c->offsets[w];
+                    open[open_count++] = w;
+                } else if (component[w] == UINT32_MAX && index[w] < low[v]) {
+                    low[v] = index[w];
+                }
+                continue;
+            }
+            --depth;
+            if (depth != 0 && low[v] < low[path[depth - 1]]) {
+                low[path[depth - 1]] = low[v];
+            }
+            if (low[v] == index[v]) {
+                uint32_t w;
+                do {
+                    w = open[--open_count];
+                    component[w] = components;
+                } while (w != v);
+                ++components;
+            }
+        }
+    }
+    return true;
+}
+
+bool pci_roof_duality(pci_scratch *scratch, const pci_signed_graph *graph, pci_roof *roof) {
+    const size_t n = graph->vertex_count;
+    cover c = {0};
+    pci_scratch local = pci_scratch_begin(scratch->context);
+    roof->labels = PCI_SCRATCH(scratch, uint8_t, n);
+    roof->components = PCI_SCRATCH(scratch, uint32_t, n);
+    roof->component_count = 0;
+    uint8_t *fixed = PCI_SCRATCH(&local, uint8_t, 2 * n);
+    uint32_t *component = PCI_SCRATCH(&local, uint32_t, 2 * n);
+    uint32_t *part = PCI_SCRATCH(&local, uint32_t, 2 * n);
+    int64_t flow = 0;
+    bool ok = !scratch->failed && !local.failed && make_cover(&local, graph, &c) &&
+              pci_maxflow(scratch->context, &c.net, &flow, fixed);
+    if (ok) {
+        // Strong persistency: what the source reaches is true in every optimum.
+        roof->bound = graph->constant + flow / 2 + flow % 2;
+        fixed[0] = fixed[1] = 1;
+        for (size_t v = 0; v < n; ++v) {
+            roof->labels[v] = fixed[2 * v] ? 1 : fixed[2 * v + 1] ? 0 : PCI_NO_LABEL;
+            fixed[2 * v] = fixed[2 * v + 1] = roof->labels[v] != PCI_NO_LABEL;
+            roof->components[v] = PC_INVALID_INDEX;
+        }
+        ok = strong_components(&local, &c, fixed, component);
+    }
+    if (ok) {
+        // Weak persistency: an assignment closed under the implications, as in 2-satisfiability.
+        // Components that contain a node and its negation stay open, one by one.
+        memset(part, 0xff, 2 * n * sizeof(*part));
+        for (size_t v = 1; v < n; ++v) {
+            if (roof->labels[v] != PCI_NO_LABEL) {
+                continue;
+            }
+            const uint32_t yes = component[2 * v], no = component[2 * v + 1];
+            if (yes != no) {
+                roof->labels[v] = yes < no;
+                continue;
+            }
+            if (part[yes] == PC_INVALID_INDEX) {
+                part[yes] = (uint32_t)roof->component_count++;
+            }
+            roof->components[v] = part[yes];
+        }
+    }
+    pci_scratch_end(&local);
+    return ok;
+}

@@ -1,0 +1,12 @@
+// Good labellings of a signed graph by local search; no proof.
+#ifndef PCI_SIGNED_SEARCH_H
+#define PCI_SIGNED_SEARCH_H
+
+#include "core/signed_graph.h"
+
+// Replaces `labels` when it finds a labelling of lower cost. Starts with the labels along a maximum
+// spanning tree, then `runs` times simulated annealing. The ground keeps label 1.
+bool pci_signed_search(pc_context *context, const pci_signed_graph *graph, uint32_t runs,
+                       uint8_t *labels);
+
+#endif

@@ -1,0 +1,158 @@
+#define _POSIX_C_SOURCE 200809L
+#include "io/atomic_file.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+// strerror is not thread-safe, strerror_r is.
+static pc_status fail_errno(pc_context *context, const char *stage, const char *action,
+                            const char *path, int code) {
+    char cause[128];
+    if (strerror_r(code, cause, sizeof(cause)) != 0) {
+        snprintf(cause, sizeof(cause), "error %d", code);
+    }
+    return pci_fail(context, PC_ERROR_IO, stage, "%s: cannot %s \"%.300s\": %s", stage, action,
+                    path, cause);
+}
+
+static void discard(pci_atomic_file *file) {
+    if (file->stream != NULL) {
+        fclose(file->stream);
+    }
+    unlink(file->temporary);
+    pc_release(file->context, file->temporary);
+    memset(file, 0, sizeof(*file));
+}
+
+pc_status pci_atomic_begin(pc_context *context, const char *stage, const char *path,
+                           pci_atomic_file *file) {
+    memset(file, 0, sizeof(*file));
+    // Renaming over a device or a folder would not do what the caller means.
+    struct stat target;
+    if (stat(path, &target) == 0 && !S_ISREG(target.st_mode)) {
+        return pci_fail(context, PC_ERROR_IO, stage,
+                        "%s: cannot write \"%.300s\": it is not a regular file", stage, path);
+    }
+    const size_t size = strlen(path) + 64;
+    char *temporary = PCI_ALLOCATE(context, char, size);
+    if (temporary == NULL) {
+        return pci_fail_memory(context, stage);
+    }
+    // mkstemp would ignore the umask. The name says who left a file behind after a crash.
+    int descriptor = -1;
+    for (int attempt = 0; attempt < 1000 && descriptor < 0; ++attempt) {
+        snprintf(temporary, size, "%s.tmp-%ld-%d", path, (long)getpid(), attempt);
+        descriptor = open(temporary, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+        if (descriptor < 0 && errno != EEXIST) {
+            break;
+        }
+    }
+    FILE *stream = descriptor < 0 ? NULL : fdopen(descriptor, "wb");
+    if (stream == NULL) {
+        const int code = errno;
+        if (descriptor >= 0) {
+            close(descriptor);
+            unlink(temporary);
+        }
+        pc_release(context, temporary);
+        return fail_errno(context, stage, "write", path, code);
+    }
+    file->context = context;
+    file->stage = stage;
+    file->path = path;
+    file->temporary = temporary;
+    file->stream = stream;
+    return PC_OK;
+}
+
+pc_status pci_atomic_end(pci_atomic_file *file, pc_status status) {
+    if (status != PC_OK) {
+        discard(file);
+        return status;
+    }
+    int code = 0;
+    errno = 0;
+    if (ferror(file->stream) != 0 || fflush(file->stream) != 0 ||
+        fsync(fileno(file->stream)) != 0) {
+        code = errno != 0 ? errno : EIO;
+    }
+    if (fclose(file->stream) != 0 && code == 0) {
+        code = errno;
+    }
+    file->stream = NULL;
+    if (code == 0 && rename(file->temporary, file->path) != 0) {
+        code = errno;
+    }
+    if (code != 0) {
+        status = fail_errno(file->context, file->stage, "write", file->path, code);
+        discard(file);
+        return status;
+    }
+    pc_release(file->context, file->temporary);
+    memset(file, 0, sizeof(*file));
+    return PC_OK;
+}
+
+pc_status pci_atomic_write(pc_context *context, const char *stage, const char *path,
+                           const void *bytes, size_t size) {
+    pci_atomic_file file;
+    const pc_status status = pci_atomic_begin(context, stage, path, &file);
+    if (status != PC_OK) {
+        return status;
+    }
+    // A short write leaves the stream's error flag set.
+    (void)!fwrite(bytes, 1, size, file.stream);
+    return pci_atomic_end(&file, PC_OK);
+}
+
+pc_status pci_read_file(pc_context *context, const char *stage, const char *path,
+                        unsigned char **bytes, size_t *size) {
+    *bytes = NULL;
+    *size = 0;
+    // Non-blocking, or opening a pipe would wait for its writer.
+    const int descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    if (descriptor < 0) {
+        return fail_errno(context, stage, "read", path, errno);
+    }
+    pc_status status = PC_OK;
+    unsigned char *memory = NULL;
+    struct stat info;
+    size_t length = 0, done = 0;
+    if (fstat(descriptor, &info) != 0) {
+        status = fail_errno(context, stage, "read", path, errno);
+        goto cleanup;
+    }
+    if (!S_ISREG(info.st_mode)) {
+        status = pci_fail(context, PC_ERROR_IO, stage,
+                          "%s: cannot read \"%.300s\": it is not a regular file", stage, path);
+        goto cleanup;
+    }
+    length = (size_t)info.st_size;
+    memory = PCI_ALLOCATE(context, unsigned char, length);
+    if (memory == NULL) {
+        status = pci_fail_memory(context, stage);
+        goto cleanup;
+    }
+    while (done < length) {
+        const ssize_t count = read(descriptor, memory + done, length - done);
+        if (count < 0 && errno == EINTR) {
+            continue;
+        }
+        if (count <= 0) {
+            // The file shrank while it was read: nothing that a retry could not cure.
+            status = fail_errno(context, stage, "read", path, count < 0 ? errno : EIO);
+            goto cleanup;
+        }
+        done += (size_t)count;
+    }
+    *bytes = memory;
+    *size = length;
+    memory = NULL;
+cleanup:
+    pc_release(context, memory);
+    close(descriptor);
+    return status;
+}

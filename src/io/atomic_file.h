@@ -1,0 +1,36 @@
+// Whole files, read and written in one piece; for every module in io.
+#ifndef PCI_ATOMIC_FILE_H
+#define PCI_ATOMIC_FILE_H
+
+#include <stdio.h>
+
+#include "core/core.h"
+
+// A file that is written under a temporary name beside its target, so that the target is either the
+// complete new file or what it was before.
+typedef struct pci_atomic_file {
+    pc_context *context;
+    const char *stage;
+    const char *path;
+    char *temporary;
+    FILE *stream; // write here; errors are noticed at the end
+} pci_atomic_file;
+
+// @return PC_OK; PC_ERROR_IO; PC_ERROR_OUT_OF_MEMORY. On failure there is nothing to end.
+PC_NODISCARD pc_status pci_atomic_begin(pc_context *context, const char *stage, const char *path,
+                                        pci_atomic_file *file);
+
+// With `status` PC_OK: flushes to disk and renames. Otherwise, or when that fails: removes the
+// temporary file. Returns the first failure.
+PC_NODISCARD pc_status pci_atomic_end(pci_atomic_file *file, pc_status status);
+
+// Begin, write, end.
+PC_NODISCARD pc_status pci_atomic_write(pc_context *context, const char *stage, const char *path,
+                                        const void *bytes, size_t size);
+
+// The bytes of a regular file; release with pc_release.
+// @return PC_OK; PC_ERROR_IO; PC_ERROR_OUT_OF_MEMORY.
+PC_NODISCARD pc_status pci_read_file(pc_context *context, const char *stage, const char *path,
+                                     unsigned char **bytes, size_t *size);
+
+#endif

@@ -1,0 +1,20 @@
+// Centroidal Voronoi clustering of mesh vertices (Valette and Chassery, Approximated centroidal
+// Voronoi diagrams for uniform polygonal mesh coarsening, 2004).
+#ifndef PCI_CLUSTERING_H
+#define PCI_CLUSTERING_H
+
+#include "core/halfedge.h"
+
+// Partitions the vertices into `cluster_count` connected clusters, none empty, that minimise
+// sum_i w_i |x_i - centroid of its cluster|^2 over exchanges along edges.
+// @param weights     #V, positive
+// @param first       vertex of the first seed
+// @param cluster     #V, receives values below cluster_count
+// @param iterations  receives the passes done
+// Every component of the mesh gets a cluster if there are at least as many clusters as components.
+// False: out of memory.
+bool pci_cluster_vertices(pci_scratch *scratch, const pci_halfedge *mesh, const double *weights,
+                          size_t cluster_count, uint32_t first, uint32_t passes, uint32_t *cluster,
+                          uint64_t *iterations);
+
+#endif

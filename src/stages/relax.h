@@ -1,0 +1,24 @@
+// Evens out a coarse mesh that lies on a fine one: vertices slide along the fine surface and its
+// border, edges flip towards better triangles. The topology never changes.
+#ifndef PCI_RELAX_H
+#define PCI_RELAX_H
+
+#include "core/halfedge.h"
+
+// Each coarse vertex with index v stands on the fine surface near the fine vertex feet[v]; border
+// vertices stand on the fine border.
+typedef struct pci_relaxation {
+    const pci_halfedge *fine;
+    const double *fine_normals; // #V by 3, unit
+    pci_halfedge *coarse;
+    uint32_t *feet;       // per coarse vertex
+    const uint8_t *fixed; // per coarse vertex, 1: does not move
+} pci_relaxation;
+
+// Puts every coarse vertex onto the fine surface, at the point nearest to its position that can be
+// reached by walking downhill from its foot.
+void pci_relax_place(pci_relaxation *relaxation);
+// One pass of sliding and flipping. Returns the number of changes.
+size_t pci_relax_pass(pci_relaxation *relaxation);
+
+#endif

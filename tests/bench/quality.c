@@ -1,6 +1,6 @@
 // Quality of proxies and weights over garments: one row each, then the means.
 // L_r is measured on a wind that the weights have not seen, against closest-triangle weights.
-// Usage: proxycloth_quality [--proxy-only] FILE.obj...
+// Usage: proxycloth_quality [--proxy-only] [--set OPTION=VALUE]... FILE.obj...
 #include "support/garment.h"
 
 typedef struct row {
@@ -8,12 +8,13 @@ typedef struct row {
     double gap, rigid, rigid_closest;
 } row;
 
-static bool measure(pc_context *context, const char *path, bool proxy_only, row *result) {
+static bool measure(pc_context *context, const char *path, const pc_options *options,
+                    bool proxy_only, row *result) {
     pc_asset asset = {0};
     bool good = load_garment(context, path, &asset);
     const pc_stage last = proxy_only ? PC_STAGE_SIMPLIFY : PC_STAGE_SKIN;
     for (pc_stage stage = 0; stage <= last && good; ++stage) {
-        good = pc_run_stage(context, stage, NULL, &asset, NULL) == PC_OK;
+        good = pc_run_stage(context, stage, options, &asset, NULL) == PC_OK;
     }
     good =
         good &&
@@ -41,10 +42,24 @@ static bool measure(pc_context *context, const char *path, bool proxy_only, row 
 }
 
 int main(int argc, char **argv) {
-    const bool proxy_only = argc > 1 && strcmp(argv[1], "--proxy-only") == 0;
+    bool proxy_only = false;
+    int first = 1;
+    pc_options options = pc_default_options();
     pc_context *context = NULL;
-    if (argc < 2 || pc_context_create(NULL, &context) != PC_OK) {
-        fprintf(stderr, "usage: %s [--proxy-only] FILE.obj...\n", argv[0]);
+    if (pc_context_create(NULL, &context) != PC_OK) {
+        return 1;
+    }
+    for (; first < argc && strncmp(argv[first], "--", 2) == 0; ++first) {
+        if (strcmp(argv[first], "--proxy-only") == 0) {
+            proxy_only = true;
+        } else if (strcmp(argv[first], "--set") != 0 || ++first >= argc ||
+                   !set_option(context, &options, argv[first])) {
+            first = argc;
+        }
+    }
+    if (first >= argc) {
+        fprintf(stderr, "usage: %s [--proxy-only] [--set OPTION=VALUE]... FILE.obj...\n", argv[0]);
+        pc_context_destroy(context);
         return 2;
     }
     printf("%-34s %5s %4s %5s %5s %4s %4s %7s %4s %7s %7s %7s %6s %6s %6s %8s %8s %8s\n", "garment",
@@ -52,9 +67,9 @@ int main(int argc, char **argv) {
            "HD p>v", "angle", "sd", "worst", "gap", "L_r", "closest");
     double sum[6] = {0};
     size_t count = 0, failed = 0;
-    for (int i = proxy_only ? 2 : 1; i < argc; ++i) {
+    for (int i = first; i < argc; ++i) {
         row result = {0};
-        if (!measure(context, argv[i], proxy_only, &result)) {
+        if (!measure(context, argv[i], &options, proxy_only, &result)) {
             ++failed;
             continue;
         }

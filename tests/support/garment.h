@@ -32,6 +32,25 @@ static inline bool load_garment(pc_context *context, const char *path, pc_asset 
     return status == PC_OK;
 }
 
+// Applies OPTION=VALUE to every stage that has the option.
+static inline bool set_option(pc_context *context, pc_options *options, char *text) {
+    char *equals = strchr(text, '=');
+    bool found = false;
+    if (equals == NULL) {
+        return false;
+    }
+    *equals = '\0';
+    for (pc_stage stage = 0; stage < PC_STAGE_COUNT; ++stage) {
+        const pc_stage_info *info = pc_stage_describe(stage);
+        const pc_field *field = pc_record_find(info->options, text);
+        if (field != NULL) {
+            found = pc_field_set_text(context, info->name, field,
+                                      (char *)options + info->options_offset, equals + 1) == PC_OK;
+        }
+    }
+    return found;
+}
+
 // Normalised L_r of the asset's weights and of closest-triangle weights, on a motion with another
 // seed. False when a call fails.
 static inline bool unseen_wind_rigid(pc_context *context, const pc_asset *asset, double *ours,

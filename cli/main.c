@@ -1,8 +1,150 @@
+// Dispatch: the table of commands.
+#include "cli.h"
+
 #include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
 
-#include "proxycloth/proxycloth.h"
-
-int main(void) {
+static int run_version(const cli_command *command, cli_arguments *arguments) {
+    (void)command;
+    (void)arguments;
     printf("proxycloth %s\n", pc_version());
-    return 0;
+    return CLI_OK;
+}
+
+enum { all_stages = (1u << PC_STAGE_COUNT) - 1 };
+
+static const cli_command commands_before[] = {
+    {.name = "build",
+     .operands = "INPUT -o OUTDIR",
+     .summary = "garment mesh -> proxy mesh, simulated frames and skinning weights",
+     .details = "INPUT is an OBJ, FBX, glTF, GLB, DAE, PLY or STL file. Writes NAME.glb,\n"
+                "NAME.proxy.obj, NAME.h5, NAME.json and NAME.png into OUTDIR.\n",
+     .minimum_inputs = 1,
+     .maximum_inputs = 1,
+     .accepts = CLI_OUTPUT_FOLDER | CLI_NAME | CLI_MESH | CLI_PNG,
+     .stages = all_stages,
+     .run = cli_run_build},
+};
+
+static const cli_command commands_after[] = {
+    {.name = "export",
+     .operands = "ASSET -o OUTDIR",
+     .summary = "finished asset file -> glb, proxy.obj, json and png",
+     .minimum_inputs = 1,
+     .maximum_inputs = 1,
+     .accepts = CLI_OUTPUT_FOLDER | CLI_NAME | CLI_PNG,
+     .run = cli_run_export},
+    {.name = "info",
+     .operands = "FILE",
+     .summary = "list what a mesh, scene or asset file holds",
+     .minimum_inputs = 1,
+     .maximum_inputs = 1,
+     .accepts = CLI_JSON | CLI_MESH,
+     .run = cli_run_info},
+    {.name = "evaluate",
+     .operands = "VISUAL PROXY",
+     .summary = "measure a proxy mesh against its visual mesh",
+     .details = "Either may be an asset file: its visual mesh or its proxy is taken.\n",
+     .minimum_inputs = 2,
+     .maximum_inputs = 2,
+     .accepts = CLI_JSON | CLI_MESH,
+     .run = cli_run_evaluate},
+    {.name = "help",
+     .operands = "[COMMAND]",
+     .summary = "explain a command and its options",
+     .maximum_inputs = 1,
+     .run = cli_run_help},
+    {.name = "version", .operands = "", .summary = "print the version", .run = run_version},
+};
+
+enum {
+    before_count = sizeof(commands_before) / sizeof(commands_before[0]),
+    after_count = sizeof(commands_after) / sizeof(commands_after[0])
+};
+
+static cli_command stage_command(pc_stage stage) {
+    const pc_stage_info *info = pc_stage_describe(stage);
+    cli_command command = {.name = info->name,
+                           .operands = "ASSET [-o ASSET]",
+                           .summary = info->summary,
+                           .details = "Writes the result back into ASSET, or to the file behind "
+                                      "-o. Results of later\nstages are dropped.\n",
+                           .minimum_inputs = 1,
+                           .maximum_inputs = 1,
+                           .accepts = CLI_OUTPUT_FILE,
+                           .stages = 1u << stage,
+                           .stage = stage,
+                           .run = cli_run_stage};
+    if (stage == PC_STAGE_VOXELIZE) {
+        command.operands = "INPUT -o ASSET";
+        command.details = "INPUT is a mesh or scene file, or an asset file whose visual mesh is "
+                          "taken.\n";
+        command.accepts |= CLI_NAME | CLI_MESH;
+    }
+    return command;
+}
+
+bool cli_command_at(size_t index, cli_command *command) {
+    if (index < before_count) {
+        *command = commands_before[index];
+    } else if (index < before_count + PC_STAGE_COUNT) {
+        *command = stage_command((pc_stage)(index - before_count));
+    } else if (index < before_count + PC_STAGE_COUNT + after_count) {
+        *command = commands_after[index - before_count - PC_STAGE_COUNT];
+    } else {
+        return false;
+    }
+    return true;
+}
+
+bool cli_find_command(const char *name, cli_command *command) {
+    for (size_t i = 0; cli_command_at(i, command); ++i) {
+        if (strcmp(command->name, name) == 0) {
+            return true;
+        }
+    }
+    return false;
+}
+
+static int unknown_command(const char *name) {
+    cli_guess guess = {.word = name};
+    cli_command command;
+    for (size_t i = 0; cli_command_at(i, &command); ++i) {
+        cli_guess_add(&guess, command.name);
+    }
+    if (guess.best[0] != '\0') {
+        return cli_fail(NULL, CLI_USAGE, "no command \"%s\"; did you mean %s?", name, guess.best);
+    }
+    return cli_fail(NULL, CLI_USAGE, "no command \"%s\"; see 'proxycloth help'", name);
+}
+
+int main(int argc, char **argv) {
+    if (argc < 2) {
+        return cli_fail(NULL, CLI_USAGE, "a command is missing; see 'proxycloth help'");
+    }
+    const char *name = argv[1];
+    if (strcmp(name, "--help") == 0 || strcmp(name, "-h") == 0) {
+        name = "help";
+    } else if (strcmp(name, "--version") == 0) {
+        name = "version";
+    }
+    cli_command command;
+    if (!cli_find_command(name, &command)) {
+        return unknown_command(name);
+    }
+    cli_arguments arguments = {0};
+    int code = cli_parse(&command, argc - 2, argv + 2, &arguments);
+    if (code == CLI_OK) {
+        if (arguments.help) {
+            cli_print_help(&command);
+        } else {
+            code = command.run(&command, &arguments);
+        }
+        if ((fflush(stdout) != 0 || ferror(stdout)) && code == CLI_OK) {
+            code = cli_fail(command.name, CLI_OUTPUT, "standard output cannot be written");
+        }
+    }
+    cli_arguments_free(&arguments);
+    return code;
 }

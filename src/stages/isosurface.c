@@ -351,7 +351,7 @@ static uint32_t surface_vertex(const extraction *e, const cell_walk *walk, uint8
     const uint32_t direction = 2 * axis + (corner >> axis & 1 ? 0 : 1);
     uint32_t vertex = e->first_vertex[sample];
     for (uint32_t d = 0; d < direction; ++d) {
-        vertex += e->crossings[sample] >> d & 1u;
+        vertex += (uint32_t)e->crossings[sample] >> d & 1;
     }
     return vertex;
 }

@@ -67,6 +67,11 @@ static pc_status place_lattice(pc_context *context, const pc_mesh *surface, uint
         minimum[k] = INFINITY, maximum[k] = -INFINITY;
         for (size_t i = 0; i < 3 * surface->triangle_count; ++i) {
             const double x = surface->positions[3 * (size_t)surface->triangles[i] + k];
+            if (!isfinite(x)) {
+                return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                                "%s: vertex %u has the coordinate %g", stage, surface->triangles[i],
+                                x);
+            }
             minimum[k] = fmin(minimum[k], x);
             maximum[k] = fmax(maximum[k], x);
         }

@@ -290,10 +290,10 @@ static void rejects_damaged_arrays(void **state) {
     double positions[18];
     memcpy(positions, square, sizeof(positions));
     arrays = plain(positions, 6, square_triangles, 2);
-    positions[13] = NAN;
+    positions[13] = (double)NAN;
     rejects(PC_ERROR_INVALID_MESH, &arrays,
             "visual: vertex 4 has y = nan; coordinates must be finite and at most 1e+30 in size");
-    positions[13] = -INFINITY;
+    positions[13] = -(double)INFINITY;
     rejects(PC_ERROR_INVALID_MESH, &arrays,
             "visual: vertex 4 has y = -inf; coordinates must be finite and at most 1e+30 in size");
     positions[13] = 1.5e30;

@@ -1,0 +1,167 @@
+// What the files of the command line program share: commands, arguments, messages, signals.
+#ifndef CLI_H
+#define CLI_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "proxycloth/proxycloth.h"
+
+typedef enum cli_exit {
+    CLI_OK = 0,
+    CLI_FAILED = 1,
+    CLI_USAGE = 2,
+    CLI_INPUT = 3,
+    CLI_OUTPUT = 4,
+    CLI_INTERNAL = 5,
+    CLI_IMPORTER = 6,
+    CLI_INTERRUPTED = 130
+} cli_exit;
+
+// Options of the program itself that are numbers or switches; described by cli_settings_record.
+typedef struct cli_settings {
+    uint32_t threads;
+    uint32_t import_memory; // MiB
+    double import_seconds;
+    bool png;
+    bool json;
+    bool quiet;
+    bool verbose;
+} cli_settings;
+
+extern const pc_record cli_settings_record;
+
+// Which options a command accepts, besides --help, --quiet, --verbose and --threads.
+typedef enum cli_accepts {
+    CLI_OUTPUT_FILE = 1 << 0,   // -o FILE
+    CLI_OUTPUT_FOLDER = 1 << 1, // -o OUTDIR
+    CLI_NAME = 1 << 2,          // --name
+    CLI_MESH = 1 << 3,          // --mesh, --import-memory, --import-seconds
+    CLI_JSON = 1 << 4,          // --json
+    CLI_PNG = 1 << 5            // --png
+} cli_accepts;
+
+typedef struct cli_arguments {
+    const char *inputs[2];
+    size_t input_count;
+    const char *output; // NULL: not given
+    const char *name;   // NULL: not given
+    const char **patterns;
+    size_t pattern_count;
+    bool help;
+    cli_settings settings;
+    pc_options options;
+} cli_arguments;
+
+typedef struct cli_command {
+    const char *name;
+    const char *operands; // as shown in the usage line
+    const char *summary;
+    const char *details; // more lines for `help COMMAND`
+    size_t minimum_inputs, maximum_inputs;
+    unsigned accepts; // cli_accepts
+    unsigned stages;  // bit per pc_stage whose options are accepted
+    pc_stage stage;   // of the commands that run one stage
+    int (*run)(const struct cli_command *command, cli_arguments *arguments);
+} cli_command;
+
+// Fills `command` with the command of that name; false when there is none. Commands are numbered
+// from 0 in the order of the help text.
+bool cli_find_command(const char *name, cli_command *command);
+bool cli_command_at(size_t index, cli_command *command);
+
+// The closest of `candidates` to a misspelt word, or NULL; add candidates one by one.
+typedef struct cli_guess {
+    const char *word;
+    size_t distance;
+    char best[64];
+} cli_guess;
+void cli_guess_add(cli_guess *guess, const char *candidate);
+
+// Reads the arguments behind the command's name. Prints the message on failure.
+int cli_parse(const cli_command *command, int count, char **words, cli_arguments *arguments);
+void cli_arguments_free(cli_arguments *arguments);
+
+// Name of the flag of a field: --NAME with dashes.
+void cli_flag_name(const pc_field *field, char flag[64]);
+
+int cli_run_help(const cli_command *command, cli_arguments *arguments);
+void cli_print_help(const cli_command *command);
+int cli_run_build(const cli_command *command, cli_arguments *arguments);
+int cli_run_stage(const cli_command *command, cli_arguments *arguments);
+int cli_run_export(const cli_command *command, cli_arguments *arguments);
+int cli_run_info(const cli_command *command, cli_arguments *arguments);
+int cli_run_evaluate(const cli_command *command, cli_arguments *arguments);
+
+// ---- messages ---------------------------------------------------------------------------------
+
+// Prints "proxycloth COMMAND: error: ..." as one line on stderr and returns `code`.
+__attribute__((format(printf, 3, 4))) int cli_fail(const char *command, cli_exit code,
+                                                   const char *format, ...);
+__attribute__((format(printf, 2, 3))) void cli_warn(const char *command, const char *format, ...);
+
+// Prints the context's error and returns the exit code of `status`. `writing` tells files that
+// cannot be written from files that cannot be read; `subject` (may be NULL) is the file at fault.
+int cli_fail_status(const char *command, pc_context *context, pc_status status, const char *subject,
+                    bool writing);
+
+// Prints a warning line for every non-zero warning field of a report.
+void cli_warn_report(const char *command, const char *stage, const pc_record *record,
+                     const void *report);
+
+// Copies text, with control characters and bytes that are not UTF-8 replaced by '?'.
+void cli_clean_text(char *out, size_t size, const char *text);
+
+// ---- context and signals ------------------------------------------------------------------------
+
+// Creates a context with callbacks for progress, messages and interruption. No thread exists before
+// this call: import files first.
+int cli_context(const cli_command *command, const cli_arguments *arguments, pc_context **context);
+
+// From now on SIGINT, SIGTERM and SIGHUP only set a flag.
+void cli_catch_signals(void);
+bool cli_interrupted(void);
+int cli_fail_interrupted(const char *command);
+
+// ---- input ------------------------------------------------------------------------------------
+
+typedef enum cli_kind { CLI_KIND_SCENE, CLI_KIND_ASSET } cli_kind;
+
+// Tells asset files from scenes by their first bytes. Prints the message on failure.
+int cli_input_kind(const char *command, const char *path, cli_kind *kind);
+
+// A file's name without folder and extension, as the name of a garment.
+int cli_garment_name(const cli_command *command, const cli_arguments *arguments,
+                     char name[sizeof(((pc_asset *)NULL)->name)]);
+
+// Loads an asset file.
+int cli_load_asset(const cli_command *command, pc_context *context, const char *path,
+                   pc_asset *asset);
+
+// ---- output -------------------------------------------------------------------------------------
+
+// Files of one run: they are written into a staging folder inside the output folder and moved to
+// their places together. Nothing stays behind on failure.
+typedef struct cli_output {
+    char *folder;
+    char *staging;
+    size_t created; // how many trailing parts of `folder` this run made
+    char *names[8];
+    size_t name_count;
+} cli_output;
+
+int cli_output_begin(const cli_command *command, const char *folder, cli_output *output);
+// Path of a new file in the staging folder; NULL when memory ran out.
+char *cli_output_add(cli_output *output, const char *stem, const char *extension);
+// Moves the files to their places.
+int cli_output_commit(const cli_command *command, cli_output *output);
+// Removes whatever is still staged, and folders that were made in vain.
+void cli_output_end(cli_output *output);
+
+// Writes glb, proxy.obj, json, png (and h5) of a finished asset.
+int cli_export_files(const cli_command *command, const cli_arguments *arguments,
+                     pc_context *context, const pc_asset *asset, const pc_timings *timings,
+                     bool with_asset, cli_output *output);
+
+#endif

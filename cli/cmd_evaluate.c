@@ -1,0 +1,100 @@
+// evaluate: measures of a proxy mesh against its visual mesh.
+#include "cli.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "print.h"
+#include "scene.h"
+
+// One side of the comparison: an asset file, or a scene until it becomes a visual mesh.
+typedef struct eval_side {
+    cli_kind kind;
+    scene_data scene;
+    uint8_t *chosen;
+    pc_asset asset;
+} eval_side;
+
+static int import_side(const cli_command *command, const cli_arguments *arguments, size_t index,
+                       eval_side *side) {
+    const char *path = arguments->inputs[index];
+    int code = cli_input_kind(command->name, path, &side->kind);
+    if (code == CLI_OK && side->kind == CLI_KIND_SCENE) {
+        // --mesh chooses parts of the visual mesh.
+        cli_arguments chosen = *arguments;
+        chosen.pattern_count = index == 0 ? arguments->pattern_count : 0;
+        code = scene_import_selected(command, &chosen, path, &side->scene, &side->chosen);
+    }
+    return code;
+}
+
+static int load_side(const cli_command *command, const cli_arguments *arguments, size_t index,
+                     pc_context *context, eval_side *side, const pc_mesh **mesh) {
+    const char *path = arguments->inputs[index];
+    *mesh = &side->asset.visual.surface;
+    if (side->kind == CLI_KIND_SCENE) {
+        const pc_status status = scene_visual(&side->scene, side->chosen, context,
+                                              &side->asset.visual, &side->asset.reports.visual);
+        return status == PC_OK ? CLI_OK
+                               : cli_fail_status(command->name, context, status, path, false);
+    }
+    const int code = cli_load_asset(command, context, path, &side->asset);
+    if (code == CLI_OK && index == 1) {
+        *mesh = &side->asset.proxy;
+        if (side->asset.proxy.triangle_count == 0) {
+            return cli_fail(command->name, CLI_INPUT,
+                            "%s: the asset has no proxy yet; run its stages up to simplify", path);
+        }
+    }
+    return code;
+}
+
+static int evaluate(const cli_command *command, const cli_arguments *arguments, pc_context *context,
+                    eval_side sides[2]) {
+    const pc_mesh *meshes[2];
+    for (size_t i = 0; i < 2; ++i) {
+        const int code = load_side(command, arguments, i, context, &sides[i], &meshes[i]);
+        if (code != CLI_OK) {
+            return code;
+        }
+    }
+    pc_measures measures;
+    const pc_status status = pc_evaluate(context, meshes[0], meshes[1], &measures);
+    if (status != PC_OK) {
+        return cli_fail_status(command->name, context, status, NULL, false);
+    }
+    if (!arguments->settings.json) {
+        print_record(&pc_measures_record, &measures, "");
+        return CLI_OK;
+    }
+    cJSON *root = cJSON_CreateObject();
+    json_record(root, &pc_measures_record, &measures);
+    return json_print(command->name, root);
+}
+
+int cli_run_evaluate(const cli_command *command, cli_arguments *arguments) {
+    cli_catch_signals();
+    eval_side *sides = calloc(2, sizeof(*sides));
+    pc_context *context = NULL;
+    int code = sides != NULL ? CLI_OK : cli_fail(command->name, CLI_FAILED, "memory ran out");
+    for (size_t i = 0; i < 2 && code == CLI_OK; ++i) {
+        code = import_side(command, arguments, i, &sides[i]);
+    }
+    if (code == CLI_OK) {
+        code = cli_context(command, arguments, &context);
+    }
+    if (code == CLI_OK) {
+        code = evaluate(command, arguments, context, sides);
+    }
+    for (size_t i = 0; i < 2 && sides != NULL; ++i) {
+        if (context != NULL) {
+            pc_asset_free(context, &sides[i].asset);
+        }
+        free(sides[i].chosen);
+        scene_free(&sides[i].scene);
+    }
+    pc_context_destroy(context);
+    free(sides);
+    return code;
+}

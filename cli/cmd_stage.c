@@ -1,0 +1,82 @@
+// One command per stage: asset file -> asset file. The first stage also reads scenes.
+#include "cli.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "scene.h"
+
+// Fills the asset's visual mesh and name from a scene file.
+static int import_visual(const cli_command *command, const cli_arguments *arguments,
+                         pc_context *context, const scene_data *scene, const uint8_t *chosen,
+                         pc_asset *asset) {
+    const int code = cli_garment_name(command, arguments, asset->name);
+    if (code != CLI_OK) {
+        return code;
+    }
+    const pc_status status =
+        scene_visual(scene, chosen, context, &asset->visual, &asset->reports.visual);
+    if (status != PC_OK) {
+        return cli_fail_status(command->name, context, status, arguments->inputs[0], false);
+    }
+    cli_warn_report(command->name, "visual", &pc_visual_report_record, &asset->reports.visual);
+    return CLI_OK;
+}
+
+static int run(const cli_command *command, const cli_arguments *arguments, pc_context *context,
+               pc_asset *asset) {
+    const char *input = arguments->inputs[0];
+    const pc_stage_info *info = pc_stage_describe(command->stage);
+    if (asset->stage_count < (uint32_t)command->stage) {
+        const pc_stage_info *next = pc_stage_describe((pc_stage)asset->stage_count);
+        return cli_fail(command->name, CLI_INPUT,
+                        "%s: stage %s has not run yet; run 'proxycloth %s' first", input,
+                        next->name, next->name);
+    }
+    pc_status status = pc_run_stage(context, command->stage, &arguments->options, asset, NULL);
+    if (status != PC_OK) {
+        return cli_fail_status(command->name, context, status, input, false);
+    }
+    cli_warn_report(command->name, info->name, info->report,
+                    (const char *)&asset->reports + info->report_offset);
+    const char *output = arguments->output != NULL ? arguments->output : input;
+    status = pc_asset_save(context, asset, output);
+    return status == PC_OK ? CLI_OK : cli_fail_status(command->name, context, status, output, true);
+}
+
+int cli_run_stage(const cli_command *command, cli_arguments *arguments) {
+    cli_catch_signals();
+    const char *input = arguments->inputs[0];
+    const bool scenes = (command->accepts & CLI_MESH) != 0;
+    scene_data scene = {0};
+    uint8_t *chosen = NULL;
+    pc_context *context = NULL;
+    pc_asset asset;
+    memset(&asset, 0, sizeof(asset));
+    cli_kind kind;
+    int code = cli_input_kind(command->name, input, &kind);
+    if (code == CLI_OK && scenes && kind == CLI_KIND_SCENE) {
+        code =
+            arguments->output == NULL
+                ? cli_fail(command->name, CLI_USAGE, "-o ASSET is missing; usage: proxycloth %s %s",
+                           command->name, command->operands)
+                : scene_import_selected(command, arguments, input, &scene, &chosen);
+    }
+    if (code == CLI_OK) {
+        code = cli_context(command, arguments, &context);
+    }
+    if (code == CLI_OK) {
+        code = chosen != NULL ? import_visual(command, arguments, context, &scene, chosen, &asset)
+                              : cli_load_asset(command, context, input, &asset);
+    }
+    if (code == CLI_OK) {
+        code = run(command, arguments, context, &asset);
+    }
+    if (context != NULL) {
+        pc_asset_free(context, &asset);
+    }
+    pc_context_destroy(context);
+    free(chosen);
+    scene_free(&scene);
+    return code;
+}

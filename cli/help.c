@@ -1,0 +1,121 @@
+// Help texts, made from the tables of commands and options.
+#include "cli.h"
+
+#include <stdio.h>
+#include <string.h>
+
+static const char exit_codes[] = "Exit codes:\n"
+                                 "    0  success\n"
+                                 "    1  processing failed, for example no proxy was found\n"
+                                 "    2  wrong usage, for example an option out of range\n"
+                                 "    3  an input cannot be read or processed\n"
+                                 "    4  an output cannot be written\n"
+                                 "    5  internal error\n"
+                                 "    6  the importer crashed or hit a limit of time or memory\n"
+                                 "  130  interrupted\n";
+
+static void print_line(const char *left, const char *help, const char *note) {
+    printf("  %-29s %s%s%s%s\n", left,
+           strlen(left) > 29 ? "\n                                " : "", help,
+           note[0] != '\0' ? " " : "", note);
+}
+
+// "[default 0.5; 0..1 m]"
+static void describe_value(const pc_field *field, char *text, size_t size) {
+    const char *space = field->unit[0] != '\0' ? " " : "";
+    if (field->type == PC_FIELD_BOOL) {
+        snprintf(text, size, "[default %s]", field->default_value != 0.0 ? "on" : "off");
+    } else if (field->type == PC_FIELD_CHOICE) {
+        int length =
+            snprintf(text, size, "[default %s;", field->choices[(size_t)field->default_value]);
+        for (size_t i = 0; field->choices[i] != NULL && (size_t)length < size; ++i) {
+            length += snprintf(text + length, size - (size_t)length, " %s%s", field->choices[i],
+                               field->choices[i + 1] != NULL ? "," : "]");
+        }
+    } else {
+        snprintf(text, size, "[default %.10g; %.10g..%.10g%s%s]", field->default_value,
+                 field->minimum, field->maximum, space, field->unit);
+    }
+}
+
+static void print_field(const pc_field *field) {
+    char flag[64], left[160], note[256];
+    cli_flag_name(field, flag);
+    if (field->type != PC_FIELD_BOOL) {
+        snprintf(left, sizeof(left), "--%s %s", flag,
+                 field->type == PC_FIELD_CHOICE ? "CHOICE" : "NUMBER");
+    } else {
+        snprintf(left, sizeof(left), "--%s, --no-%s", flag, flag);
+    }
+    describe_value(field, note, sizeof(note));
+    print_line(left, field->help, note);
+}
+
+static void print_setting(const char *name) {
+    print_field(pc_record_find(&cli_settings_record, name));
+}
+
+void cli_print_help(const cli_command *command) {
+    printf("usage: proxycloth %s %s%s\n\n%s\n%s", command->name, command->operands,
+           command->minimum_inputs != 0 ? " [options]" : "", command->summary,
+           command->details != NULL ? command->details : "");
+    printf("\nOptions:\n");
+    if ((command->accepts & CLI_OUTPUT_FOLDER) != 0) {
+        print_line("-o, --output OUTDIR", "Folder for the results; made when missing", "");
+    }
+    if ((command->accepts & CLI_OUTPUT_FILE) != 0) {
+        print_line("-o, --output ASSET", "Asset file to write", "");
+    }
+    if ((command->accepts & CLI_NAME) != 0) {
+        print_line("--name NAME", "Name of the garment and of its files",
+                   "[default: the input's name]");
+    }
+    if ((command->accepts & CLI_MESH) != 0) {
+        print_line("--mesh GLOB", "Take only parts whose mesh, node or material name matches;",
+                   "may be repeated");
+        print_setting("import_seconds");
+        print_setting("import_memory");
+    }
+    if ((command->accepts & CLI_PNG) != 0) {
+        print_setting("png");
+    }
+    if ((command->accepts & CLI_JSON) != 0) {
+        print_setting("json");
+    }
+    print_setting("threads");
+    print_line("-q, --quiet", "Print errors only", "");
+    print_line("-v, --verbose", "Print more about each stage", "");
+    print_line("-h, --help", "Print this text", "");
+    for (pc_stage stage = 0; stage < PC_STAGE_COUNT; ++stage) {
+        const pc_stage_info *info = pc_stage_describe(stage);
+        if ((command->stages & 1u << stage) == 0 || info->options->field_count == 0) {
+            continue;
+        }
+        printf("\n%s: %s\n", info->name, info->summary);
+        for (size_t i = 0; i < info->options->field_count; ++i) {
+            print_field(&info->options->fields[i]);
+        }
+    }
+}
+
+int cli_run_help(const cli_command *command, cli_arguments *arguments) {
+    cli_command listed;
+    if (arguments->input_count == 1) {
+        if (!cli_find_command(arguments->inputs[0], &listed)) {
+            return cli_fail(command->name, CLI_USAGE, "no command \"%s\"; see 'proxycloth help'",
+                            arguments->inputs[0]);
+        }
+        cli_print_help(&listed);
+        return CLI_OK;
+    }
+    printf("usage: proxycloth COMMAND ...\n\n"
+           "Turns a garment mesh into a low-poly simulated proxy mesh and skinning weights.\n\n"
+           "Commands:\n");
+    for (size_t i = 0; cli_command_at(i, &listed); ++i) {
+        printf("  %-11s %s\n", listed.name, listed.summary);
+    }
+    printf("\nStages run one by one on an asset file give the same bytes as build.\n"
+           "'proxycloth help COMMAND' lists the options of a command.\n\n%s",
+           exit_codes);
+    return CLI_OK;
+}

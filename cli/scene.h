@@ -1,0 +1,112 @@
+// A scene as it comes out of the import child: one flat buffer, checked before use.
+#ifndef SCENE_H
+#define SCENE_H
+
+#include <stdio.h>
+
+#include "cli.h"
+
+// A mesh at a node of the scene, in the scene's coordinates.
+typedef struct scene_part {
+    char node[128];
+    char mesh[128];
+    uint64_t first_vertex, vertex_count;
+    uint64_t first_triangle, triangle_count;
+    uint32_t material;
+    uint32_t bone_count; // 0: not skinned
+    uint32_t has_normals, has_texcoords, has_colors;
+    uint32_t reserved;
+} scene_part;
+
+typedef struct scene_animation {
+    char name[128];
+    double seconds;
+    uint64_t channels;
+} scene_animation;
+
+typedef struct scene_header {
+    char magic[8];
+    uint64_t size; // of the whole buffer
+    uint64_t node_count;
+    uint64_t part_count, material_count, animation_count, vertex_count, triangle_count;
+    char format[16]; // of the file, for example "glTF"
+} scene_header;
+
+// Views into `buffer`.
+typedef struct scene_data {
+    void *buffer;
+    scene_header header;
+    scene_part *parts;
+    pc_material *materials;
+    scene_animation *animations;
+    double *positions;   // #vertices by 3
+    float *normals;      // #vertices by 3
+    float *texcoords;    // #vertices by 2
+    float *colors;       // #vertices by 4
+    uint32_t *triangles; // #triangles by 3, of the whole scene
+} scene_data;
+
+// What the child sends instead of a scene.
+typedef struct scene_failure {
+    char magic[8];
+    uint64_t out_of_memory;
+    char message[256];
+} scene_failure;
+
+#define SCENE_MAGIC         "PCSCENE1"
+#define SCENE_FAILURE_MAGIC "PCFAIL_1"
+
+// Byte offsets of the arrays behind the header, in the order of `scene`; the last one is the size
+// of the buffer. False when it does not fit into 64 bits.
+enum { SCENE_ARRAYS = 8 };
+bool scene_layout(const scene_header *header, uint64_t offsets[SCENE_ARRAYS + 1]);
+
+// Checks a buffer of `size` bytes from the child and sets up the views; nothing in it is trusted.
+// The scene takes the buffer over (also when the check fails). Returns what is wrong, or NULL.
+const char *scene_open(void *buffer, size_t size, scene_data *scene);
+void scene_free(scene_data *scene);
+
+// Chooses the parts whose node, mesh or material name matches one of the patterns; all without
+// patterns. Returns the number of chosen parts.
+size_t scene_select(const scene_data *scene, const char *const *patterns, size_t pattern_count,
+                    uint8_t *chosen);
+
+// Text of all names that --mesh can match, for messages.
+void scene_names(const scene_data *scene, char *text, size_t size);
+
+// Makes the visual mesh of the chosen parts.
+pc_status scene_visual(const scene_data *scene, const uint8_t *chosen, pc_context *context,
+                       pc_visual *visual, pc_visual_report *report);
+
+// Imports a file in a child process with limits. Prints the message on failure.
+int scene_import(const cli_command *command, const cli_arguments *arguments, const char *path,
+                 scene_data *scene);
+
+// Imports a file and chooses parts by --mesh; `chosen` (#parts) is released with free().
+int scene_import_selected(const cli_command *command, const cli_arguments *arguments,
+                          const char *path, scene_data *scene, uint8_t **chosen);
+
+// ---- inside the child ---------------------------------------------------------------------------
+
+typedef enum scene_format {
+    SCENE_OBJ,
+    SCENE_FBX,
+    SCENE_GLTF,
+    SCENE_GLB,
+    SCENE_DAE,
+    SCENE_PLY,
+    SCENE_STL
+} scene_format;
+
+// File extension that selects assimp's importer, and the format's name for people.
+const char *scene_format_extension(scene_format format);
+const char *scene_format_name(scene_format format);
+
+// Recognises a file by its first bytes and its extension. Prints the message on failure.
+int scene_sniff(const char *command, const char *path, scene_format *format);
+
+// Reads a file through assimp and writes the buffer (or a failure) to `descriptor`. Runs in the
+// child; returns the child's exit code.
+int scene_read(const char *path, scene_format format, int descriptor);
+
+#endif

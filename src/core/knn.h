@@ -1,0 +1,22 @@
+// Exact k nearest neighbours among points, by a balanced kd-tree. Ties go to the smaller index.
+#ifndef PCI_KNN_H
+#define PCI_KNN_H
+
+#include "core/core.h"
+
+typedef struct pci_knn {
+    size_t point_count;
+    const double *points; // #P by 3, the caller's
+    uint32_t *order;      // the middle of each range is its root, the smaller side comes first
+    uint8_t *axes;        // splitting axis of the root at this place
+} pci_knn;
+
+// The points must be finite and stay alive and unchanged. False: out of memory.
+bool pci_knn_build(pci_scratch *scratch, size_t point_count, const double *points, pci_knn *knn);
+
+// The `wanted` points nearest to `query` by rising distance, without point `excluded`
+// (PC_INVALID_INDEX: none). Both outputs have room for `wanted`. Returns how many there are.
+size_t pci_knn_query(const pci_knn *knn, const double query[3], size_t wanted, uint32_t excluded,
+                     uint32_t *indices, double *squared_distances);
+
+#endif

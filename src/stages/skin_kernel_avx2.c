@@ -1,0 +1,17 @@
+#include "stages/skin_kernel.h"
+
+#define REAL                float
+#define INTEGER             int32_t
+#define LANES               8
+#define NAME(x)             x##_avx2_float
+#define STEP_TOLERANCE      1e-6
+#define CURVATURE_TOLERANCE 1e-5
+#include "stages/skin_kernel.inl"
+
+#define REAL                double
+#define INTEGER             int64_t
+#define LANES               4
+#define NAME(x)             x##_avx2_double
+#define STEP_TOLERANCE      1e-18
+#define CURVATURE_TOLERANCE 1e-13
+#include "stages/skin_kernel.inl"

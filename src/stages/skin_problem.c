@@ -1,0 +1,69 @@
+#include "core/knn.h"
+#include "core/topology.h"
+#include "stages/skin_internal.h"
+
+typedef struct near_job {
+    const pci_knn *knn;
+    pci_skin_problem *problem;
+    uint32_t *near;
+    double *distances; // #V by near_count
+} near_job;
+
+static void find_near(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    near_job *job = user;
+    const size_t k = job->problem->near_count;
+    for (size_t v = begin; v < end; ++v) {
+        pci_knn_query(job->knn, &job->problem->rest[3 * v], k, (uint32_t)v, &job->near[k * v],
+                      &job->distances[k * v]);
+        for (size_t e = k * v; e < k * v + k; ++e) {
+            job->distances[e] = sqrt(job->distances[e]);
+        }
+    }
+}
+
+bool pci_skin_problem_build(pci_scratch *scratch, const pc_mesh *surface, uint32_t neighbours,
+                            pci_skin_problem *problem) {
+    const size_t nv = surface->vertex_count;
+    memset(problem, 0, sizeof(*problem));
+    problem->vertex_count = nv;
+    problem->rest = surface->positions;
+    problem->near_count = nv - 1 < neighbours ? (uint32_t)(nv - 1) : neighbours;
+    const size_t k = problem->near_count;
+    pci_topology topology;
+    pci_knn knn;
+    uint32_t *near = PCI_SCRATCH(scratch, uint32_t, k * nv);
+    double *distances = PCI_SCRATCH(scratch, double, k *nv);
+    double *weights = PCI_SCRATCH(scratch, double, k *nv);
+    if (scratch->failed || !pci_topology_build(scratch, surface, &topology) ||
+        !pci_knn_build(scratch, nv, surface->positions, &knn)) {
+        return false;
+    }
+    near_job job = {.knn = &knn, .problem = problem, .near = near, .distances = distances};
+    pci_parallel_for(scratch->context, nv, 256, find_near, &job);
+    problem->ring_offsets = topology.ring_offsets;
+    problem->ring = topology.ring;
+    problem->near = near;
+    problem->near_weights = weights;
+
+    // Kw_ij of equation (10); epsilon_z is 1 mm on a garment of 1.5 m.
+    const double epsilon = pci_diagonal(surface) * (1e-3 / 1.5);
+    for (size_t v = 0; v < nv; ++v) {
+        double sum = 0.0, mean = 0.0;
+        for (size_t e = k * v; e < k * v + k; ++e) {
+            weights[e] = 1.0 / (distances[e] + epsilon);
+            sum += weights[e];
+            mean += distances[e] / (double)k;
+            problem->norms[1] += distances[e] * distances[e];
+        }
+        for (size_t e = k * v; e < k * v + k; ++e) {
+            weights[e] /= sum;
+        }
+        problem->norms[2] += mean * mean;
+        for (size_t e = topology.ring_offsets[v]; e < topology.ring_offsets[v + 1]; ++e) {
+            problem->norms[0] += pci_squared_distance(
+                &surface->positions[3 * v], &surface->positions[3 * (size_t)topology.ring[e]]);
+        }
+    }
+    return true;
+}

@@ -128,7 +128,15 @@ static double cofactors(const affine *a, double c[9]) {
     return m[0] * c[0] + m[1] * c[1] + m[2] * c[2];
 }
 
+static const affine identity = {{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+
+static bool is_identity(const affine *a) { return memcmp(a, &identity, sizeof(*a)) == 0; }
+
 static void transform_point(const affine *a, const struct aiVector3D *v, double out[3]) {
+    if (is_identity(a)) { // a NaN stays in its coordinate
+        out[0] = (double)v->x, out[1] = (double)v->y, out[2] = (double)v->z;
+        return;
+    }
     for (size_t k = 0; k < 3; ++k) {
         const double *row = &a->m[4 * k];
         out[k] = row[0] * (double)v->x + row[1] * (double)v->y + row[2] * (double)v->z + row[3];
@@ -259,7 +267,6 @@ static bool metadata_number(const struct aiMetadata *data, const char *key, doub
 static affine scene_map(const struct aiScene *source, scene_format format) {
     static const char *const names[3][2] = {
         {"CoordAxis", "CoordAxisSign"}, {"UpAxis", "UpAxisSign"}, {"FrontAxis", "FrontAxisSign"}};
-    const affine identity = {{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
     affine map = identity;
     if (format != SCENE_FBX) {
         return map;
@@ -268,7 +275,7 @@ static affine scene_map(const struct aiScene *source, scene_format format) {
     // later versions put them into the root's transform.
     map.m[0] = map.m[5] = map.m[10] = 0.01;
     const affine root = from_assimp(&source->mRootNode->mTransformation);
-    if (memcmp(&root, &identity, sizeof(root)) != 0) {
+    if (!is_identity(&root)) {
         return map;
     }
     double factor = 1.0, unused[9];

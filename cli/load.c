@@ -1,7 +1,10 @@
-// Names and asset files.
+// Names, asset files, and the chosen parts of scenes.
 #include "cli.h"
 
+#include <stdlib.h>
 #include <string.h>
+
+#include "scene.h"
 
 int cli_garment_name(const cli_command *command, const cli_arguments *arguments,
                      char name[sizeof(((pc_asset *)NULL)->name)]) {
@@ -44,6 +47,32 @@ int cli_load_asset(const cli_command *command, pc_context *context, const char *
         if (status != PC_OK) {
             code = cli_fail_status(command->name, context, status, path, false);
         }
+    }
+    return code;
+}
+
+int scene_import_selected(const cli_command *command, const cli_arguments *arguments,
+                          const char *path, scene_data *scene, uint8_t **chosen) {
+    *chosen = NULL;
+    int code = scene_import(command, arguments, path, scene);
+    if (code != CLI_OK) {
+        return code;
+    }
+    *chosen = calloc(scene->header.part_count + 1, 1);
+    if (*chosen == NULL) {
+        code = cli_fail(command->name, CLI_FAILED, "%s: memory ran out", path);
+    } else if (scene_select(scene, arguments->patterns, arguments->pattern_count, *chosen) == 0 &&
+               arguments->pattern_count != 0) {
+        char names[1024];
+        scene_names(scene, names, sizeof(names));
+        code =
+            cli_fail(command->name, CLI_USAGE, "%s: --mesh \"%s\" matches no part; names are: %s",
+                     path, arguments->patterns[0], names);
+    }
+    if (code != CLI_OK) {
+        free(*chosen);
+        *chosen = NULL;
+        scene_free(scene);
     }
     return code;
 }

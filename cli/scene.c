@@ -125,15 +125,15 @@ size_t scene_select(const scene_data *scene, const char *const *patterns, size_t
 static void add_name(char *text, size_t size, const char *name) {
     const size_t used = strlen(text), length = strlen(name);
     const char *found = text;
+    if (length == 0 || used + length + 3 > size) {
+        return;
+    }
     while ((found = strstr(found, name)) != NULL) {
         const bool starts = found == text || (found - text >= 2 && found[-2] == ',');
         if (starts && (found[length] == ',' || found[length] == '\0')) {
             return;
         }
         ++found;
-    }
-    if (length == 0 || used + length + 3 > size) {
-        return;
     }
     snprintf(text + used, size - used, "%s%s", used != 0 ? ", " : "", name);
 }
@@ -226,30 +226,4 @@ cleanup:
     free(new_material);
     free(used);
     return status;
-}
-
-int scene_import_selected(const cli_command *command, const cli_arguments *arguments,
-                          const char *path, scene_data *scene, uint8_t **chosen) {
-    *chosen = NULL;
-    int code = scene_import(command, arguments, path, scene);
-    if (code != CLI_OK) {
-        return code;
-    }
-    *chosen = calloc(scene->header.part_count + 1, 1);
-    if (*chosen == NULL) {
-        code = cli_fail(command->name, CLI_FAILED, "%s: memory ran out", path);
-    } else if (scene_select(scene, arguments->patterns, arguments->pattern_count, *chosen) == 0 &&
-               arguments->pattern_count != 0) {
-        char names[1024];
-        scene_names(scene, names, sizeof(names));
-        code =
-            cli_fail(command->name, CLI_USAGE, "%s: --mesh \"%s\" matches no part; names are: %s",
-                     path, arguments->patterns[0], names);
-    }
-    if (code != CLI_OK) {
-        free(*chosen);
-        *chosen = NULL;
-        scene_free(scene);
-    }
-    return code;
 }

@@ -145,6 +145,11 @@ int scene_sniff(const char *command, const char *path, scene_format *format) {
         return cli_fail(command, CLI_INPUT, "%s: only version 2 of glTF is read; export it again",
                         path);
     }
+    // assimp never returns from such a file.
+    if (*format == SCENE_PLY && head.count == head.file_size &&
+        strstr(head.bytes, "end_header") == NULL) {
+        return cli_fail(command, CLI_INPUT, "%s: the file is truncated; export it again", path);
+    }
     return CLI_OK;
 }
 

@@ -1,9 +1,9 @@
 /// Stage 4 of 9, graph: projected mesh -> guide graph of section 3.3.
 ///
-/// Mesh edges carry the smoothness weight w_s of equation (3), from mean curvature by local quadric
-/// fit. Opposite edges connect vertices on the two sides of a thin sheet, found by a ray along the
-/// negative normal, and know which side is the outer one (distance d to the first hit along the
-/// positive normal; infinite where there is none).
+/// Mesh edges carry the smoothness weight w_s of equation (3), from mean curvature by a quadric fit
+/// to the 2-ring. Opposite edges connect vertices on the two sides of a thin sheet, found by a ray
+/// along the negative normal, and know which side is the outer one (distance d to the first hit
+/// along the positive normal; infinite where there is none).
 ///
 /// DEVIATION from the paper, because the two sheets interpenetrate after projection: the inward ray
 /// starts `inward_offset` outside the vertex and accepts back faces only; the outward ray starts at

@@ -76,3 +76,56 @@ bool pci_signed_graph_rows(pci_scratch *scratch, const pci_signed_graph *graph,
     }
     return true;
 }
+
+bool pci_signed_graph_contract(pci_scratch *scratch, const pci_signed_graph *graph,
+                               const uint8_t *granted, pci_contraction *reduced) {
+    const size_t n = graph->vertex_count;
+    reduced->classes = PCI_SCRATCH(scratch, uint32_t, n);
+    reduced->flips = PCI_SCRATCH(scratch, uint8_t, n);
+    uint32_t *queue = PCI_SCRATCH(scratch, uint32_t, n);
+    pci_signed_edge *edges = PCI_SCRATCH(scratch, pci_signed_edge, graph->edge_count);
+    pci_signed_rows rows;
+    if (scratch->failed || !pci_signed_graph_rows(scratch, graph, &rows)) {
+        return false;
+    }
+    // Classes by breadth-first search, so that the lowest vertex of each keeps its label.
+    memset(reduced->classes, 0xff, n * sizeof(*reduced->classes));
+    uint32_t classes = 0;
+    for (uint32_t root = 0; root < n; ++root) {
+        if (reduced->classes[root] != PC_INVALID_INDEX) {
+            continue;
+        }
+        size_t head = 0, tail = 0;
+        queue[tail++] = root;
+        reduced->classes[root] = classes;
+        while (head != tail) {
+            const uint32_t v = queue[head++];
+            for (size_t k = rows.offsets[v]; k < rows.offsets[v + 1]; ++k) {
+                const pci_signed_edge *edge = &graph->edges[rows.edges[k]];
+                const uint32_t w = pci_signed_other(edge, v);
+                if (granted[rows.edges[k]] && reduced->classes[w] == PC_INVALID_INDEX) {
+                    reduced->classes[w] = classes;
+                    reduced->flips[w] = reduced->flips[v] ^ (edge->opposite ? 1 : 0);
+                    queue[tail++] = w;
+                }
+            }
+        }
+        ++classes;
+    }
+    size_t count = 0;
+    int64_t constant = graph->constant;
+    for (size_t e = 0; e < graph->edge_count; ++e) {
+        pci_signed_edge edge = graph->edges[e];
+        edge.opposite ^= reduced->flips[edge.a] != reduced->flips[edge.b];
+        edge.a = reduced->classes[edge.a];
+        edge.b = reduced->classes[edge.b];
+        if (edge.a != edge.b) {
+            edges[count++] = edge;
+        } else if (edge.opposite) {
+            constant += edge.cost;
+        }
+    }
+    pci_signed_graph_create(classes, edges, count, &reduced->graph);
+    reduced->graph.constant += constant;
+    return true;
+}

@@ -39,6 +39,17 @@ typedef struct pci_signed_rows {
 bool pci_signed_graph_rows(pci_scratch *scratch, const pci_signed_graph *graph,
                            pci_signed_rows *rows);
 
+// Grants the wishes of all edges e with granted[e] != 0 by merging their ends. Vertex v becomes
+// vertex classes[v] of `reduced`, with the same label where flips[v] is 0 and the other label where
+// it is 1; the ground stays. Costs that this implies go to the constant.
+typedef struct pci_contraction {
+    pci_signed_graph graph;
+    uint32_t *classes;
+    uint8_t *flips;
+} pci_contraction;
+bool pci_signed_graph_contract(pci_scratch *scratch, const pci_signed_graph *graph,
+                               const uint8_t *granted, pci_contraction *reduced);
+
 static inline uint32_t pci_signed_other(const pci_signed_edge *edge, uint32_t vertex) {
     return edge->a == vertex ? edge->b : edge->a;
 }

@@ -72,21 +72,21 @@ static void anneal(search *s, uint64_t run) {
 }
 
 typedef struct ranked_edge {
-    int64_t cost;
+    double key;
     uint32_t edge;
 } ranked_edge;
 
 static int compare_ranked(const void *left, const void *right) {
     const ranked_edge *l = left, *r = right;
-    if (l->cost != r->cost) {
-        return l->cost > r->cost ? -1 : 1;
+    if (l->key < r->key || l->key > r->key) {
+        return l->key < r->key ? -1 : 1;
     }
     return (l->edge > r->edge) - (l->edge < r->edge);
 }
 
-// Labels that satisfy every edge of a maximum spanning forest (Kruskal; the union-find structure
-// keeps each vertex's parity towards its root).
-static bool spanning_tree(pci_scratch *scratch, search *s) {
+// Labels that satisfy every edge of a spanning forest of least keys (Kruskal; the union-find
+// structure keeps each vertex's parity towards its root).
+static bool spanning_tree(pci_scratch *scratch, search *s, const double *keys) {
     const pci_signed_graph *graph = s->graph;
     ranked_edge *order = PCI_SCRATCH(scratch, ranked_edge, graph->edge_count);
     uint32_t *parent = PCI_SCRATCH(scratch, uint32_t, graph->vertex_count);
@@ -95,7 +95,7 @@ static bool spanning_tree(pci_scratch *scratch, search *s) {
         return false;
     }
     for (uint32_t e = 0; e < graph->edge_count; ++e) {
-        order[e] = (ranked_edge){graph->edges[e].cost, e};
+        order[e] = (ranked_edge){keys != NULL ? keys[e] : -(double)graph->edges[e].cost, e};
     }
     if (graph->edge_count > 1) {
         qsort(order, graph->edge_count, sizeof(*order), compare_ranked);
@@ -135,15 +135,15 @@ static bool spanning_tree(pci_scratch *scratch, search *s) {
     return true;
 }
 
-bool pci_signed_search(pc_context *context, const pci_signed_graph *graph, uint32_t runs,
-                       uint8_t *labels) {
+bool pci_signed_search(pc_context *context, const pci_signed_graph *graph, const double *keys,
+                       uint32_t runs, uint8_t *labels) {
     const size_t n = graph->vertex_count;
     pci_scratch scratch = pci_scratch_begin(context);
     search s = {.graph = graph};
     s.labels = PCI_SCRATCH(&scratch, uint8_t, n);
     s.gains = PCI_SCRATCH(&scratch, int64_t, n);
     const bool ok = !scratch.failed && pci_signed_graph_rows(&scratch, graph, &s.rows) &&
-                    spanning_tree(&scratch, &s);
+                    spanning_tree(&scratch, &s, keys);
     if (ok) {
         int64_t best = pci_signed_graph_cost(graph, labels);
         reset(&s);

@@ -4,9 +4,10 @@
 
 #include "core/signed_graph.h"
 
-// Replaces `labels` when it finds a labelling of lower cost. Starts with the labels along a maximum
-// spanning tree, then `runs` times simulated annealing. The ground keeps label 1.
-bool pci_signed_search(pc_context *context, const pci_signed_graph *graph, uint32_t runs,
-                       uint8_t *labels);
+// Replaces `labels` when it finds a labelling of lower cost. Starts with the labels that fulfil all
+// wishes along a spanning tree of edges with small keys (NULL: high costs first), descends, then
+// anneals `runs` times. The ground keeps label 1.
+bool pci_signed_search(pc_context *context, const pci_signed_graph *graph, const double *keys,
+                       uint32_t runs, uint8_t *labels);
 
 #endif

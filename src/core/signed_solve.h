@@ -5,13 +5,17 @@
 #include "core/signed_graph.h"
 
 typedef struct pci_signed_solution {
-    uint8_t *labels; // #vertices, from the caller
-    int64_t cost;    // of `labels`
-    int64_t bound;   // no labelling costs less
+    uint8_t *labels;      // #vertices, from the caller
+    int64_t bound;        // no labelling costs less; the cost of `labels` where it is proven
+    int64_t roof_bound;   // of roof duality alone
+    size_t open_vertices; // without label after roof duality
+    size_t components;    // of those vertices
+    size_t unproven;      // components that ended without proof
 } pci_signed_solution;
 
-// False: out of memory.
-bool pci_signed_solve(pc_context *context, const pci_signed_graph *graph, uint32_t effort,
-                      pci_signed_solution *solution);
+// `work` limits the search where the exact methods end, in visited entries.
+// PC_ERROR_OUT_OF_MEMORY, PC_ERROR_CANCELLED.
+pc_status pci_signed_solve(pc_context *context, const char *stage, const pci_signed_graph *graph,
+                           uint64_t work, pci_signed_solution *solution);
 
 #endif

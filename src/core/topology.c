@@ -1,12 +1,5 @@
 #include "core/topology.h"
 
-#include <stdlib.h>
-
-static int compare_u64(const void *a, const void *b) {
-    const uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
-    return (x > y) - (x < y);
-}
-
 // Turns counts stored at [i + 1] into offsets.
 static void accumulate(size_t *offsets, size_t count) {
     for (size_t i = 0; i < count; ++i) {
@@ -14,123 +7,143 @@ static void accumulate(size_t *offsets, size_t count) {
     }
 }
 
-// Fills a CSR table from (row, value) pairs in order of increasing pair index.
-static bool fill_rows(pci_scratch *scratch, size_t row_count, const size_t *offsets,
-                      const uint32_t *rows, const uint32_t *values, size_t pair_count,
-                      uint32_t *table) {
-    size_t *next = PCI_SCRATCH(scratch, size_t, row_count + 1);
-    if (next == NULL) {
+// Ends of the half-edge from corner c to the next one, smaller vertex first.
+static void half_edge_ends(const pc_mesh *mesh, size_t half, uint32_t ends[2]) {
+    const uint32_t a = mesh->triangles[half];
+    const uint32_t b = mesh->triangles[half % 3 == 2 ? half - 2 : half + 1];
+    ends[0] = a < b ? a : b;
+    ends[1] = a < b ? b : a;
+}
+
+// Orders the half-edges by (first, second, index), leaving out those without length: two stable
+// counting sorts. Returns their number; `order` has room for all.
+static size_t sort_half_edges(pci_scratch *scratch, const pc_mesh *mesh, uint32_t *order) {
+    const size_t half_count = 3 * mesh->triangle_count, nv = mesh->vertex_count;
+    uint32_t *by_second = PCI_SCRATCH(scratch, uint32_t, half_count);
+    size_t *next = PCI_SCRATCH(scratch, size_t, 2 * (nv + 1));
+    if (scratch->failed) {
+        return 0;
+    }
+    size_t *next_first = next, *next_second = next + nv + 1;
+    uint32_t ends[2];
+    for (size_t h = 0; h < half_count; ++h) {
+        half_edge_ends(mesh, h, ends);
+        if (ends[0] != ends[1]) {
+            ++next_first[ends[0] + 1];
+            ++next_second[ends[1] + 1];
+        }
+    }
+    accumulate(next_first, nv);
+    accumulate(next_second, nv);
+    const size_t count = next_first[nv];
+    for (size_t h = 0; h < half_count; ++h) {
+        half_edge_ends(mesh, h, ends);
+        if (ends[0] != ends[1]) {
+            by_second[next_second[ends[1]]++] = (uint32_t)h;
+        }
+    }
+    for (size_t i = 0; i < count; ++i) {
+        half_edge_ends(mesh, by_second[i], ends);
+        order[next_first[ends[0]]++] = by_second[i];
+    }
+    return count;
+}
+
+// Edges, edges of triangles and triangles of edges from the ordered half-edges.
+static bool build_edges(pci_scratch *scratch, const pc_mesh *mesh, pci_topology *topology) {
+    const size_t half_count = 3 * mesh->triangle_count;
+    uint32_t *order = PCI_SCRATCH(scratch, uint32_t, half_count);
+    topology->triangle_edges = PCI_SCRATCH(scratch, uint32_t, half_count);
+    topology->edge_triangles = PCI_SCRATCH(scratch, uint32_t, half_count);
+    if (scratch->failed) {
         return false;
     }
-    memcpy(next, offsets, (row_count + 1) * sizeof(*next));
-    for (size_t i = 0; i < pair_count; ++i) {
-        if (rows[i] != PC_INVALID_INDEX) {
-            table[next[rows[i]]++] = values[i];
+    const size_t count = sort_half_edges(scratch, mesh, order);
+    if (scratch->failed) {
+        return false;
+    }
+    memset(topology->triangle_edges, 0xff, half_count * sizeof(uint32_t));
+    uint32_t previous[2] = {PC_INVALID_INDEX, PC_INVALID_INDEX}, ends[2];
+    for (size_t i = 0; i < count; ++i) {
+        half_edge_ends(mesh, order[i], ends);
+        topology->edge_count += ends[0] != previous[0] || ends[1] != previous[1];
+        memcpy(previous, ends, sizeof(previous));
+        topology->triangle_edges[order[i]] = (uint32_t)(topology->edge_count - 1);
+    }
+    topology->edges = PCI_SCRATCH(scratch, uint32_t, 2 * topology->edge_count);
+    topology->edge_triangle_offsets = PCI_SCRATCH(scratch, size_t, topology->edge_count + 1);
+    if (scratch->failed) {
+        return false;
+    }
+    size_t written = 0;
+    for (size_t i = 0; i < count; ++i) {
+        const uint32_t e = topology->triangle_edges[order[i]], t = order[i] / 3;
+        const bool first = i == 0 || e != topology->triangle_edges[order[i - 1]];
+        half_edge_ends(mesh, order[i], &topology->edges[2 * (size_t)e]);
+        // A triangle with a repeated vertex runs along its edge twice.
+        if (first || topology->edge_triangles[written - 1] != t) {
+            topology->edge_triangles[written++] = t;
+        }
+        topology->edge_triangle_offsets[e + 1] = written;
+    }
+    return true;
+}
+
+// Whether an earlier corner of the triangle has the same vertex.
+static bool is_repeated(const pc_mesh *mesh, size_t corner) {
+    const uint32_t *of = &mesh->triangles[corner - corner % 3];
+    return (corner % 3 > 0 && of[0] == of[corner % 3]) || (corner % 3 > 1 && of[1] == of[2]);
+}
+
+static bool build_vertex_triangles(pci_scratch *scratch, const pc_mesh *mesh,
+                                   pci_topology *topology) {
+    const size_t half_count = 3 * mesh->triangle_count, nv = mesh->vertex_count;
+    topology->vertex_triangle_offsets = PCI_SCRATCH(scratch, size_t, nv + 1);
+    topology->vertex_triangles = PCI_SCRATCH(scratch, uint32_t, half_count);
+    size_t *next = PCI_SCRATCH(scratch, size_t, nv + 1);
+    if (scratch->failed) {
+        return false;
+    }
+    for (size_t c = 0; c < half_count; ++c) {
+        topology->vertex_triangle_offsets[mesh->triangles[c] + 1] += !is_repeated(mesh, c);
+    }
+    accumulate(topology->vertex_triangle_offsets, nv);
+    memcpy(next, topology->vertex_triangle_offsets, (nv + 1) * sizeof(*next));
+    for (size_t c = 0; c < half_count; ++c) {
+        if (!is_repeated(mesh, c)) {
+            topology->vertex_triangles[next[mesh->triangles[c]]++] = (uint32_t)(c / 3);
         }
     }
     return true;
 }
 
-static size_t find_edge(const uint32_t *edges, size_t count, uint32_t a, uint32_t b) {
-    size_t low = 0, high = count;
-    while (low < high) {
-        const size_t middle = (low + high) / 2;
-        if (edges[2 * middle] < a || (edges[2 * middle] == a && edges[2 * middle + 1] < b)) {
-            low = middle + 1;
-        } else {
-            high = middle;
-        }
+static bool build_rings(pci_scratch *scratch, size_t vertex_count, pci_topology *topology) {
+    topology->ring_offsets = PCI_SCRATCH(scratch, size_t, vertex_count + 1);
+    topology->ring = PCI_SCRATCH(scratch, uint32_t, 2 * topology->edge_count);
+    size_t *next = PCI_SCRATCH(scratch, size_t, vertex_count + 1);
+    if (scratch->failed) {
+        return false;
     }
-    return low;
+    for (size_t i = 0; i < 2 * topology->edge_count; ++i) {
+        ++topology->ring_offsets[topology->edges[i] + 1];
+    }
+    accumulate(topology->ring_offsets, vertex_count);
+    memcpy(next, topology->ring_offsets, (vertex_count + 1) * sizeof(*next));
+    // Edges ascend, so first the smaller and then the larger neighbours arrive in order.
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        topology->ring[next[topology->edges[2 * e + 1]]++] = topology->edges[2 * e];
+    }
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        topology->ring[next[topology->edges[2 * e]]++] = topology->edges[2 * e + 1];
+    }
+    return true;
 }
 
 bool pci_topology_build(pci_scratch *scratch, const pc_mesh *mesh, pci_topology *topology) {
     memset(topology, 0, sizeof(*topology));
-    const size_t nf = mesh->triangle_count, nv = mesh->vertex_count;
-    uint64_t *keys = PCI_SCRATCH(scratch, uint64_t, 3 * nf);
-    uint32_t *corner_triangle = PCI_SCRATCH(scratch, uint32_t, 3 * nf);
-    topology->triangle_edges = PCI_SCRATCH(scratch, uint32_t, 3 * nf);
-    topology->vertex_triangle_offsets = PCI_SCRATCH(scratch, size_t, nv + 1);
-    topology->vertex_triangles = PCI_SCRATCH(scratch, uint32_t, 3 * nf);
-    topology->ring_offsets = PCI_SCRATCH(scratch, size_t, nv + 1);
-    if (scratch->failed) {
-        return false;
-    }
-
-    // Unique edges by sorting (first, second) keys.
-    size_t key_count = 0;
-    for (size_t c = 0; c < 3 * nf; ++c) {
-        const size_t t = c / 3;
-        const uint32_t a = mesh->triangles[c], b = mesh->triangles[3 * t + (c + 1) % 3];
-        corner_triangle[c] = (uint32_t)t;
-        if (a != b) {
-            keys[key_count++] = a < b ? (uint64_t)a << 32 | b : (uint64_t)b << 32 | a;
-        }
-    }
-    qsort(keys, key_count, sizeof(*keys), compare_u64);
-    size_t edge_count = 0;
-    for (size_t i = 0; i < key_count; ++i) {
-        if (i == 0 || keys[i] != keys[i - 1]) {
-            keys[edge_count++] = keys[i];
-        }
-    }
-    topology->edge_count = edge_count;
-    topology->edges = PCI_SCRATCH(scratch, uint32_t, 2 * edge_count);
-    topology->edge_triangle_offsets = PCI_SCRATCH(scratch, size_t, edge_count + 1);
-    topology->edge_triangles = PCI_SCRATCH(scratch, uint32_t, 3 * nf);
-    topology->ring = PCI_SCRATCH(scratch, uint32_t, 2 * edge_count);
-    if (scratch->failed) {
-        return false;
-    }
-    for (size_t e = 0; e < edge_count; ++e) {
-        topology->edges[2 * e] = (uint32_t)(keys[e] >> 32);
-        topology->edges[2 * e + 1] = (uint32_t)keys[e];
-    }
-
-    // Edges of triangles and triangles of edges.
-    for (size_t c = 0; c < 3 * nf; ++c) {
-        const uint32_t a = mesh->triangles[c], b = mesh->triangles[3 * (c / 3) + (c + 1) % 3];
-        if (a == b) {
-            topology->triangle_edges[c] = PC_INVALID_INDEX;
-            continue;
-        }
-        const size_t e = find_edge(topology->edges, edge_count, a < b ? a : b, a < b ? b : a);
-        topology->triangle_edges[c] = (uint32_t)e;
-        ++topology->edge_triangle_offsets[e + 1];
-    }
-    accumulate(topology->edge_triangle_offsets, edge_count);
-    if (!fill_rows(scratch, edge_count, topology->edge_triangle_offsets, topology->triangle_edges,
-                   corner_triangle, 3 * nf, topology->edge_triangles)) {
-        return false;
-    }
-
-    // Triangles of vertices.
-    for (size_t c = 0; c < 3 * nf; ++c) {
-        ++topology->vertex_triangle_offsets[mesh->triangles[c] + 1];
-    }
-    accumulate(topology->vertex_triangle_offsets, nv);
-    if (!fill_rows(scratch, nv, topology->vertex_triangle_offsets, mesh->triangles, corner_triangle,
-                   3 * nf, topology->vertex_triangles)) {
-        return false;
-    }
-
-    // Rings: edges ascend, so first the smaller and then the larger neighbours arrive in order.
-    for (size_t i = 0; i < 2 * edge_count; ++i) {
-        ++topology->ring_offsets[topology->edges[i] + 1];
-    }
-    accumulate(topology->ring_offsets, nv);
-    size_t *next = PCI_SCRATCH(scratch, size_t, nv + 1);
-    if (next == NULL) {
-        return false;
-    }
-    memcpy(next, topology->ring_offsets, (nv + 1) * sizeof(*next));
-    for (size_t e = 0; e < edge_count; ++e) {
-        topology->ring[next[topology->edges[2 * e + 1]]++] = topology->edges[2 * e];
-    }
-    for (size_t e = 0; e < edge_count; ++e) {
-        topology->ring[next[topology->edges[2 * e]]++] = topology->edges[2 * e + 1];
-    }
-    return true;
+    return build_edges(scratch, mesh, topology) &&
+           build_vertex_triangles(scratch, mesh, topology) &&
+           build_rings(scratch, mesh->vertex_count, topology);
 }
 
 size_t pci_triangle_components(pci_scratch *scratch, const pc_mesh *mesh,
@@ -185,12 +198,20 @@ static size_t corner_of(const pc_mesh *mesh, size_t t, uint32_t v) {
     return 2;
 }
 
+// Whether a half-edge belongs to one triangle only, and that has three distinct vertices.
+static bool is_border(const pc_mesh *mesh, const pci_topology *topology, size_t half) {
+    const uint32_t e = topology->triangle_edges[half];
+    const size_t last = half - half % 3 + 2;
+    return e != PC_INVALID_INDEX && edge_triangle_count(topology, e) == 1 &&
+           !is_repeated(mesh, last - 1) && !is_repeated(mesh, last);
+}
+
 bool pci_boundary_loops(pci_scratch *scratch, const pc_mesh *mesh, const pci_topology *topology,
                         size_t *loop_count, size_t **loop_offsets, uint32_t **loop_vertices) {
     const size_t nf = mesh->triangle_count;
     size_t border = 0;
-    for (size_t e = 0; e < topology->edge_count; ++e) {
-        border += edge_triangle_count(topology, e) == 1;
+    for (size_t h = 0; h < 3 * nf; ++h) {
+        border += is_border(mesh, topology, h);
     }
     uint8_t *visited = PCI_SCRATCH(scratch, uint8_t, 3 * nf);
     *loop_offsets = PCI_SCRATCH(scratch, size_t, border + 1);
@@ -203,8 +224,7 @@ bool pci_boundary_loops(pci_scratch *scratch, const pc_mesh *mesh, const pci_top
     for (size_t start = 0; start < 3 * nf; ++start) {
         // `half` is the half-edge from corner c to c + 1 of a triangle, on the border.
         size_t half = start;
-        const uint32_t e0 = topology->triangle_edges[half];
-        if (visited[half] || e0 == PC_INVALID_INDEX || edge_triangle_count(topology, e0) != 1) {
+        if (visited[half] || !is_border(mesh, topology, half)) {
             continue;
         }
         while (!visited[half]) {
@@ -224,8 +244,7 @@ bool pci_boundary_loops(pci_scratch *scratch, const pc_mesh *mesh, const pci_top
                     &topology->edge_triangles[topology->edge_triangle_offsets[e]];
                 t = pair[0] == t ? pair[1] : pair[0];
             }
-            const uint32_t e = topology->triangle_edges[half];
-            if (e == PC_INVALID_INDEX || edge_triangle_count(topology, e) != 1) {
+            if (!is_border(mesh, topology, half)) {
                 break; // ran into a non-manifold edge: the chain ends open
             }
         }
@@ -242,47 +261,50 @@ size_t pci_nonmanifold_edge_count(const pci_topology *topology) {
     return count;
 }
 
+static uint32_t find_root(uint32_t *parents, uint32_t i) {
+    while (parents[i] != i) {
+        parents[i] = parents[parents[i]];
+        i = parents[i];
+    }
+    return i;
+}
+
 size_t pci_nonmanifold_vertex_count(pci_scratch *scratch, const pc_mesh *mesh,
                                     const pci_topology *topology) {
-    // Join the triangles of a vertex across the edges at that vertex; more than one group is bad.
     size_t largest = 0, count = 0;
     for (size_t v = 0; v < mesh->vertex_count; ++v) {
         const size_t degree =
             topology->vertex_triangle_offsets[v + 1] - topology->vertex_triangle_offsets[v];
         largest = degree > largest ? degree : largest;
     }
-    uint32_t *group = PCI_SCRATCH(scratch, uint32_t, largest);
-    if (group == NULL) {
+    uint32_t *parents = PCI_SCRATCH(scratch, uint32_t, largest);
+    uint32_t *seen_at = PCI_SCRATCH(scratch, uint32_t, topology->edge_count);
+    uint32_t *seen_by = PCI_SCRATCH(scratch, uint32_t, topology->edge_count);
+    if (scratch->failed) {
         return 0;
     }
+    memset(seen_at, 0xff, topology->edge_count * sizeof(*seen_at));
     for (size_t v = 0; v < mesh->vertex_count; ++v) {
-        const uint32_t *fan = &topology->vertex_triangles[topology->vertex_triangle_offsets[v]];
-        const size_t degree =
-            topology->vertex_triangle_offsets[v + 1] - topology->vertex_triangle_offsets[v];
-        for (size_t i = 0; i < degree; ++i) {
-            group[i] = (uint32_t)i;
-        }
+        // Join the triangles of the vertex across the edges at the vertex.
+        const size_t begin = topology->vertex_triangle_offsets[v];
+        const size_t degree = topology->vertex_triangle_offsets[v + 1] - begin;
         size_t groups = degree;
-        for (size_t i = 0; i < degree; ++i) {
-            for (size_t j = i + 1; j < degree; ++j) {
-                bool joined = false;
-                for (size_t a = 0; a < 3 && !joined; ++a) {
-                    const uint32_t e = topology->triangle_edges[3 * (size_t)fan[i] + a];
-                    if (e == PC_INVALID_INDEX ||
-                        (topology->edges[2 * e] != v && topology->edges[2 * e + 1] != v)) {
-                        continue;
-                    }
-                    for (size_t b = 0; b < 3 && !joined; ++b) {
-                        joined = topology->triangle_edges[3 * (size_t)fan[j] + b] == e;
-                    }
+        for (uint32_t i = 0; i < degree; ++i) {
+            parents[i] = i;
+            const size_t t = topology->vertex_triangles[begin + i];
+            for (size_t half = 3 * t; half < 3 * t + 3; ++half) {
+                const uint32_t e = topology->triangle_edges[half];
+                if (e == PC_INVALID_INDEX || (topology->edges[2 * (size_t)e] != v &&
+                                              topology->edges[2 * (size_t)e + 1] != v)) {
+                    continue;
                 }
-                if (joined && group[i] != group[j]) {
-                    const uint32_t from = group[j], to = group[i];
-                    for (size_t k = 0; k < degree; ++k) {
-                        group[k] = group[k] == from ? to : group[k];
-                    }
-                    --groups;
+                if (seen_at[e] == v) {
+                    const uint32_t a = find_root(parents, i), b = find_root(parents, seen_by[e]);
+                    groups -= a != b;
+                    parents[a] = b;
                 }
+                seen_at[e] = (uint32_t)v;
+                seen_by[e] = i;
             }
         }
         count += groups > 1;

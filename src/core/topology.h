@@ -8,7 +8,7 @@
 typedef struct pci_topology {
     size_t edge_count;
     uint32_t *edges;                 // #E by 2, first < second, ascending
-    uint32_t *triangle_edges;        // #F by 3, edge from corner c to corner c + 1
+    uint32_t *triangle_edges;        // #F by 3, edge from corner c to c + 1; invalid: no length
     size_t *edge_triangle_offsets;   // #E + 1
     uint32_t *edge_triangles;        // triangles of edge e, ascending
     size_t *vertex_triangle_offsets; // #V + 1
@@ -17,7 +17,8 @@ typedef struct pci_topology {
     uint32_t *ring;                  // vertices joined to v by an edge, ascending
 } pci_topology;
 
-// Triangles with a repeated vertex contribute their proper edges only. False: out of memory.
+// Triangles with a repeated vertex contribute their proper edges only, each once. Linear in the
+// size of the mesh. False: out of memory.
 bool pci_topology_build(pci_scratch *scratch, const pc_mesh *mesh, pci_topology *topology);
 
 // Labels the connected components (shared edges) of triangles: component per triangle, #F. Returns
@@ -25,10 +26,11 @@ bool pci_topology_build(pci_scratch *scratch, const pc_mesh *mesh, pci_topology 
 size_t pci_triangle_components(pci_scratch *scratch, const pc_mesh *mesh,
                                const pci_topology *topology, uint32_t *component);
 
-// Boundary loops: chains of edges with one triangle, followed along the triangle fans so that a
-// vertex where two loops touch does not join them. Fills `loop_offsets` (#loops + 1) and
-// `loop_vertices` with memory from scratch. Needs consistent orientation and manifold edges; edges
-// with more than two triangles are skipped.
+// Boundary loops: chains of edges with one triangle, followed along the triangle fans, as if each
+// fan of a vertex had a vertex of its own. Fills `loop_offsets` (#loops + 1) and `loop_vertices`
+// with memory from scratch; the loops run in the direction of their triangles. Needs consistent
+// orientation and manifold edges; edges with more than two triangles and triangles with a repeated
+// vertex are skipped.
 bool pci_boundary_loops(pci_scratch *scratch, const pc_mesh *mesh, const pci_topology *topology,
                         size_t *loop_count, size_t **loop_offsets, uint32_t **loop_vertices);
 

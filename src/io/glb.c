@@ -1,9 +1,729 @@
-#include "core/core.h"
-#include "proxycloth/asset_file.h"
+// Binary glTF 2.0. The encoding is the one that all importers we know read correctly: one joint per
+// proxy vertex, flat under one root, inverse bind matrices and animation that only translate, the
+// skinned meshes at the root of the scene. With weights that sum to 1 this is equation (6).
+#include <stdio.h>
+
+#include "core/topology.h"
+#include "io/asset_table.h"
+#include "io/atomic_file.h"
+#include "io/json.h"
 #include "proxycloth/export.h"
+#include "proxycloth/version.h"
+
+#define STAGE "export"
+
+enum {
+    GL_UNSIGNED_BYTE = 5121,
+    GL_UNSIGNED_SHORT = 5123,
+    GL_UNSIGNED_INT = 5125,
+    GL_FLOAT = 5126,
+    GL_ARRAY_BUFFER = 34962,
+    GL_ELEMENT_ARRAY_BUFFER = 34963
+};
+#define LARGEST_JOINT_COUNT 65536
+#define NAME_LIMIT          40 // bytes; Blender cuts names at 63
+
+// The two chunks under construction.
+typedef struct glb_writer {
+    pc_context *context;
+    const pc_asset *asset;
+    pci_scratch scratch;
+    pci_json json;
+    cJSON *accessors, *views, *meshes, *materials;
+    uint32_t accessor_count, view_count, material_count;
+    unsigned char *bytes;
+    size_t size, capacity;
+    char name[NAME_LIMIT + 1]; // prefix of all node names
+} glb_writer;
+
+static bool failed(const glb_writer *glb) { return glb->scratch.failed || glb->json.failed; }
+
+// ---- buffer -----------------------------------------------------------------------------------
+
+// Appends a buffer view, aligned to 4 bytes. The memory stays valid until the next view; NULL when
+// memory ran out.
+static void *add_view(glb_writer *glb, size_t size, int target) {
+    const size_t offset = (glb->size + 3) & ~(size_t)3;
+    void *bytes = glb->bytes;
+    if (!pci_scratch_reserve(&glb->scratch, &bytes, &glb->capacity, offset + size, 1)) {
+        return NULL;
+    }
+    glb->bytes = bytes;
+    glb->size = offset + size;
+    cJSON *view = pci_json_object(&glb->json, glb->views, NULL);
+    pci_json_count(&glb->json, view, "buffer", 0);
+    pci_json_count(&glb->json, view, "byteOffset", offset);
+    pci_json_count(&glb->json, view, "byteLength", size);
+    if (target != 0) {
+        pci_json_count(&glb->json, view, "target", (uint64_t)target);
+    }
+    ++glb->view_count;
+    return glb->bytes + offset;
+}
+
+// Describes a part of the last view. Returns the accessor's JSON; its index is accessor_count - 1.
+static cJSON *add_accessor(glb_writer *glb, size_t offset, int component, size_t count,
+                           const char *type) {
+    cJSON *accessor = pci_json_object(&glb->json, glb->accessors, NULL);
+    pci_json_count(&glb->json, accessor, "bufferView", glb->view_count - 1);
+    if (offset != 0) {
+        pci_json_count(&glb->json, accessor, "byteOffset", offset);
+    }
+    pci_json_count(&glb->json, accessor, "componentType", (uint64_t)component);
+    pci_json_count(&glb->json, accessor, "count", count);
+    pci_json_string(&glb->json, accessor, "type", type);
+    ++glb->accessor_count;
+    return accessor;
+}
+
+// A view of its own for `count` tuples of floats.
+static float *add_floats(glb_writer *glb, size_t count, uint32_t tuple, int target,
+                         cJSON **accessor) {
+    static const char *const types[17] = {
+        [1] = "SCALAR", [2] = "VEC2", [3] = "VEC3", [4] = "VEC4", [16] = "MAT4"};
+    float *values = add_view(glb, count * tuple * sizeof(float), target);
+    if (values == NULL) {
+        return NULL;
+    }
+    *accessor = add_accessor(glb, 0, GL_FLOAT, count, types[tuple]);
+    return values;
+}
+
+// Vertex data as an attribute of a primitive.
+static float *add_attribute(glb_writer *glb, cJSON *attributes, const char *name, size_t count,
+                            uint32_t tuple) {
+    cJSON *accessor = NULL;
+    float *values = add_floats(glb, count, tuple, GL_ARRAY_BUFFER, &accessor);
+    pci_json_count(&glb->json, attributes, name, glb->accessor_count - 1);
+    return values;
+}
+
+static void add_limits(glb_writer *glb, cJSON *accessor, const float *values, size_t count,
+                       size_t tuple) {
+    cJSON *minimum = pci_json_array(&glb->json, accessor, "min");
+    cJSON *maximum = pci_json_array(&glb->json, accessor, "max");
+    for (size_t k = 0; k < tuple; ++k) {
+        float low = values[k], high = values[k];
+        for (size_t i = 1; i < count; ++i) {
+            const float value = values[i * tuple + k];
+            low = value < low ? value : low;
+            high = value > high ? value : high;
+        }
+        pci_json_number(&glb->json, minimum, NULL, (double)low);
+        pci_json_number(&glb->json, maximum, NULL, (double)high);
+    }
+}
+
+static void add_indices(glb_writer *glb, cJSON *primitive, const uint32_t *indices, size_t count,
+                        size_t vertex_count) {
+    // The largest index of a type restarts strips and is not allowed.
+    const bool narrow = vertex_count <= UINT16_MAX;
+    void *bytes = add_view(glb, count * (narrow ? 2 : 4), GL_ELEMENT_ARRAY_BUFFER);
+    if (bytes == NULL) {
+        return;
+    }
+    for (size_t i = 0; i < count; ++i) {
+        if (narrow) {
+            ((uint16_t *)bytes)[i] = (uint16_t)indices[i];
+        } else {
+            ((uint32_t *)bytes)[i] = indices[i];
+        }
+    }
+    add_accessor(glb, 0, narrow ? GL_UNSIGNED_SHORT : GL_UNSIGNED_INT, count, "SCALAR");
+    pci_json_count(&glb->json, primitive, "indices", glb->accessor_count - 1);
+}
+
+// ---- skinning weights ---------------------------------------------------------------------------
+
+// Weights as engines take them: float, falling, no joint twice, unused slots joint 0 with weight 0,
+// a sum as close to 1 as floats allow.
+typedef struct packed_weights {
+    uint32_t slots; // multiple of 4
+    uint32_t *joints;
+    float *weights;
+} packed_weights;
+
+static uint32_t pack_row(const uint32_t *bones, const double *weights, uint32_t influences,
+                         uint32_t *joints, float *packed) {
+    uint32_t used = 0;
+    for (uint32_t k = 0; k < influences; ++k) {
+        const float weight = (float)weights[k];
+        if (!(weight > 0.0f)) {
+            continue;
+        }
+        uint32_t at = 0;
+        while (at < used && joints[at] != bones[k]) {
+            ++at;
+        }
+        float sum = weight;
+        if (at < used) {
+            sum += packed[at];
+        } else {
+            ++used;
+        }
+        // Moves up to its rank.
+        for (; at > 0 && packed[at - 1] < sum; --at) {
+            joints[at] = joints[at - 1];
+            packed[at] = packed[at - 1];
+        }
+        joints[at] = bones[k];
+        packed[at] = sum;
+    }
+    double rest = 1.0;
+    for (uint32_t k = 1; k < used; ++k) {
+        rest -= (double)packed[k];
+    }
+    packed[0] = (float)rest;
+    return used;
+}
+
+static void pack_weights(glb_writer *glb, const pc_skin *skin, packed_weights *result) {
+    const uint32_t influences = skin->influences;
+    const size_t slots = skin->vertex_count * influences;
+    uint32_t *joints = PCI_SCRATCH(&glb->scratch, uint32_t, slots);
+    float *weights = PCI_SCRATCH(&glb->scratch, float, slots);
+    if (joints == NULL || weights == NULL) {
+        return;
+    }
+    uint32_t most = 1;
+    for (size_t v = 0; v < skin->vertex_count; ++v) {
+        const size_t row = v * influences;
+        const uint32_t used = pack_row(&skin->bones[row], &skin->weights[row], influences,
+                                       joints + row, weights + row);
+        most = used > most ? used : most;
+    }
+    // Only as many sets of four as any vertex needs.
+    result->slots = (most + 3) / 4 * 4;
+    result->joints = PCI_SCRATCH(&glb->scratch, uint32_t, skin->vertex_count * result->slots);
+    result->weights = PCI_SCRATCH(&glb->scratch, float, skin->vertex_count * result->slots);
+    if (glb->scratch.failed) {
+        return;
+    }
+    for (size_t v = 0; v < skin->vertex_count; ++v) {
+        for (uint32_t k = 0; k < influences && k < result->slots; ++k) {
+            result->joints[v * result->slots + k] = joints[v * influences + k];
+            result->weights[v * result->slots + k] = weights[v * influences + k];
+        }
+    }
+}
+
+// JOINTS_n and WEIGHTS_n for the vertices `rows` (NULL: all in order) of the packed weights.
+static void add_weights(glb_writer *glb, cJSON *attributes, const packed_weights *packed,
+                        const uint32_t *rows, size_t count) {
+    const bool narrow = glb->asset->proxy.vertex_count <= 256;
+    for (uint32_t set = 0; set < packed->slots / 4; ++set) {
+        char name[32];
+        unsigned char *joints = add_view(glb, count * (narrow ? 4 : 8), GL_ARRAY_BUFFER);
+        if (joints == NULL) {
+            return;
+        }
+        for (size_t i = 0; i < 4 * count; ++i) {
+            const size_t v = rows != NULL ? rows[i / 4] : i / 4;
+            const uint32_t joint = packed->joints[v * packed->slots + 4 * set + i % 4];
+            if (narrow) {
+                joints[i] = (uint8_t)joint;
+            } else {
+                ((uint16_t *)(void *)joints)[i] = (uint16_t)joint;
+            }
+        }
+        add_accessor(glb, 0, narrow ? GL_UNSIGNED_BYTE : GL_UNSIGNED_SHORT, count, "VEC4");
+        snprintf(name, sizeof(name), "JOINTS_%u", set);
+        pci_json_count(&glb->json, attributes, name, glb->accessor_count - 1);
+
+        snprintf(name, sizeof(name), "WEIGHTS_%u", set);
+        float *weights = add_attribute(glb, attributes, name, count, 4);
+        for (size_t i = 0; i < 4 * count && weights != NULL; ++i) {
+            const size_t v = rows != NULL ? rows[i / 4] : i / 4;
+            weights[i] = packed->weights[v * packed->slots + 4 * set + i % 4];
+        }
+    }
+}
+
+// ---- meshes -----------------------------------------------------------------------------------
+
+static float unit_interval(float value) {
+    return value > 0.0f ? (value < 1.0f ? value : 1.0f) : 0.0f;
+}
+
+// Adds a material and returns its index.
+static uint32_t add_material(glb_writer *glb, const pc_material *material, const char *name) {
+    cJSON *object = pci_json_object(&glb->json, glb->materials, NULL);
+    pci_json_string(&glb->json, object, "name", name);
+    cJSON *factors = pci_json_object(&glb->json, object, "pbrMetallicRoughness");
+    cJSON *color = pci_json_array(&glb->json, factors, "baseColorFactor");
+    for (size_t k = 0; k < 4; ++k) {
+        pci_json_number(&glb->json, color, NULL, (double)unit_interval(material->base_color[k]));
+    }
+    pci_json_number(&glb->json, factors, "metallicFactor",
+                    (double)unit_interval(material->metallic));
+    pci_json_number(&glb->json, factors, "roughnessFactor",
+                    (double)unit_interval(material->roughness));
+    if (material->base_color[3] < 1.0f) {
+        pci_json_string(&glb->json, object, "alphaMode", "BLEND");
+    }
+    pci_json_bool(&glb->json, object, "doubleSided", material->double_sided);
+    return glb->material_count++;
+}
+
+static void add_positions(glb_writer *glb, cJSON *attributes, const double *positions,
+                          const uint32_t *rows, size_t count) {
+    cJSON *accessor = NULL;
+    float *values = add_floats(glb, count, 3, GL_ARRAY_BUFFER, &accessor);
+    if (values == NULL) {
+        return;
+    }
+    for (size_t i = 0; i < 3 * count; ++i) {
+        values[i] = (float)positions[3 * (rows != NULL ? rows[i / 3] : i / 3) + i % 3];
+    }
+    add_limits(glb, accessor, values, count, 3);
+    pci_json_count(&glb->json, attributes, "POSITION", glb->accessor_count - 1);
+}
+
+// The first of the two normals that has a direction, at unit length.
+static void choose_normal(const double first[3], const double second[3], float normal[3]) {
+    double n[3] = {first[0], first[1], first[2]};
+    if (!pci_normalize(n)) {
+        memcpy(n, second, sizeof(n));
+        if (!pci_normalize(n)) {
+            n[0] = 0.0, n[1] = 1.0, n[2] = 0.0;
+        }
+    }
+    for (size_t k = 0; k < 3; ++k) {
+        normal[k] = (float)n[k];
+    }
+}
+
+static void add_visual_attributes(glb_writer *glb, cJSON *attributes, const uint32_t *corners,
+                                  const uint32_t *vertices, size_t count,
+                                  const double *smooth_normals, const packed_weights *packed) {
+    const pc_visual *visual = &glb->asset->visual;
+    add_positions(glb, attributes, visual->surface.positions, vertices, count);
+    float *normals = add_attribute(glb, attributes, "NORMAL", count, 3);
+    for (size_t i = 0; i < count && normals != NULL; ++i) {
+        double given[3] = {0.0, 0.0, 0.0};
+        for (size_t k = 0; k < 3 && visual->normals != NULL; ++k) {
+            given[k] = (double)visual->normals[3 * (size_t)corners[i] + k];
+        }
+        choose_normal(given, &smooth_normals[3 * (size_t)vertices[i]], &normals[3 * i]);
+    }
+    if (visual->texcoords != NULL) {
+        float *texcoords = add_attribute(glb, attributes, "TEXCOORD_0", count, 2);
+        for (size_t i = 0; i < 2 * count && texcoords != NULL; ++i) {
+            texcoords[i] = visual->texcoords[2 * (size_t)corners[i / 2] + i % 2];
+        }
+    }
+    if (visual->colors != NULL) {
+        float *colors = add_attribute(glb, attributes, "COLOR_0", count, 4);
+        for (size_t i = 0; i < 4 * count && colors != NULL; ++i) {
+            colors[i] = unit_interval(visual->colors[4 * (size_t)corners[i / 4] + i % 4]);
+        }
+    }
+    add_weights(glb, attributes, packed, vertices, count);
+}
+
+static cJSON *add_mesh(glb_writer *glb, const char *name) {
+    cJSON *mesh = pci_json_object(&glb->json, glb->meshes, NULL);
+    pci_json_string(&glb->json, mesh, "name", name);
+    return pci_json_array(&glb->json, mesh, "primitives");
+}
+
+// One primitive: the triangles of one material with the split vertices that they use, in order.
+static void add_visual_primitive(glb_writer *glb, cJSON *primitives, uint32_t material,
+                                 const double *smooth_normals, const packed_weights *packed) {
+    const pc_visual *visual = &glb->asset->visual;
+    const size_t triangles = visual->surface.triangle_count;
+    uint32_t *slots = PCI_SCRATCH(&glb->scratch, uint32_t, visual->corner_count);
+    uint32_t *corners = PCI_SCRATCH(&glb->scratch, uint32_t, visual->corner_count);
+    uint32_t *vertices = PCI_SCRATCH(&glb->scratch, uint32_t, visual->corner_count);
+    uint32_t *indices = PCI_SCRATCH(&glb->scratch, uint32_t, 3 * triangles);
+    if (glb->scratch.failed) {
+        return;
+    }
+    size_t index_count = 0, count = 0;
+    for (size_t i = 0; i < 3 * triangles; ++i) {
+        if (visual->triangle_materials[i / 3] == material) {
+            slots[visual->corner_triangles[i]] = 1;
+            indices[index_count++] = visual->corner_triangles[i];
+        }
+    }
+    if (index_count == 0) {
+        return;
+    }
+    for (uint32_t corner = 0; corner < visual->corner_count; ++corner) {
+        if (slots[corner] != 0) {
+            slots[corner] = (uint32_t)count;
+            corners[count] = corner;
+            vertices[count++] = visual->corner_vertices[corner];
+        }
+    }
+    for (size_t i = 0; i < index_count; ++i) {
+        indices[i] = slots[indices[i]];
+    }
+    cJSON *primitive = pci_json_object(&glb->json, primitives, NULL);
+    cJSON *attributes = pci_json_object(&glb->json, primitive, "attributes");
+    add_visual_attributes(glb, attributes, corners, vertices, count, smooth_normals, packed);
+    add_indices(glb, primitive, indices, index_count, count);
+    const pc_material *look = &visual->materials[material];
+    pci_json_count(&glb->json, primitive, "material", add_material(glb, look, look->name));
+}
+
+static void add_visual_mesh(glb_writer *glb) {
+    const pc_visual *visual = &glb->asset->visual;
+    double *smooth_normals = PCI_SCRATCH(&glb->scratch, double, 3 * visual->surface.vertex_count);
+    packed_weights packed = {0};
+    pack_weights(glb, &glb->asset->skin, &packed);
+    if (glb->scratch.failed) {
+        return;
+    }
+    pci_vertex_normals(&visual->surface, smooth_normals);
+    cJSON *primitives = add_mesh(glb, glb->name);
+    for (uint32_t material = 0; material < visual->material_count && !failed(glb); ++material) {
+        add_visual_primitive(glb, primitives, material, smooth_normals, &packed);
+    }
+}
+
+// The proxy mesh: vertex i follows joint i alone.
+static void add_proxy_mesh(glb_writer *glb) {
+    const pc_mesh *proxy = &glb->asset->proxy;
+    const size_t count = proxy->vertex_count;
+    double *directions = PCI_SCRATCH(&glb->scratch, double, 3 * count);
+    packed_weights packed = {.slots = 4,
+                             .joints = PCI_SCRATCH(&glb->scratch, uint32_t, 4 * count),
+                             .weights = PCI_SCRATCH(&glb->scratch, float, 4 * count)};
+    if (glb->scratch.failed) {
+        return;
+    }
+    for (size_t v = 0; v < count; ++v) {
+        packed.joints[4 * v] = (uint32_t)v;
+        packed.weights[4 * v] = 1.0f;
+    }
+    char name[64];
+    snprintf(name, sizeof(name), "%s_proxy", glb->name);
+    cJSON *primitive = pci_json_object(&glb->json, add_mesh(glb, name), NULL);
+    cJSON *attributes = pci_json_object(&glb->json, primitive, "attributes");
+    add_positions(glb, attributes, proxy->positions, NULL, count);
+    pci_vertex_normals(proxy, directions);
+    float *normals = add_attribute(glb, attributes, "NORMAL", count, 3);
+    for (size_t v = 0; v < count && normals != NULL; ++v) {
+        choose_normal(&directions[3 * v], &directions[3 * v], &normals[3 * v]);
+    }
+    add_weights(glb, attributes, &packed, NULL, count);
+    add_indices(glb, primitive, proxy->triangles, 3 * proxy->triangle_count, count);
+    static const pc_material grey = {
+        .base_color = {0.5f, 0.5f, 0.5f, 1.0f}, .roughness = 1.0f, .double_sided = true};
+    pci_json_count(&glb->json, primitive, "material", add_material(glb, &grey, name));
+}
+
+// ---- joints, motion -----------------------------------------------------------------------------
+
+static void add_joint_name(glb_writer *glb, cJSON *parent, const char *key, size_t joint) {
+    char name[80];
+    snprintf(name, sizeof(name), "%s_joint_%04zu", glb->name, joint);
+    pci_json_string(&glb->json, parent, key, name);
+}
+
+// Springs of equation (6)'s driver: two vertices each, with their rest lengths.
+static void add_springs(glb_writer *glb, cJSON *extras, const char *name, const uint32_t *pairs,
+                        size_t count, double stiffness) {
+    const double *positions = glb->asset->proxy.positions;
+    cJSON *springs = pci_json_object(&glb->json, extras, name);
+    pci_json_number(&glb->json, springs, "stiffness", stiffness);
+    cJSON *vertices = pci_json_array(&glb->json, springs, "vertices");
+    cJSON *lengths = pci_json_array(&glb->json, springs, "rest_lengths");
+    for (size_t i = 0; i < count; ++i) {
+        const uint32_t a = pairs[2 * i], b = pairs[2 * i + 1];
+        pci_json_count(&glb->json, vertices, NULL, a);
+        pci_json_count(&glb->json, vertices, NULL, b);
+        pci_json_number(
+            &glb->json, lengths, NULL,
+            sqrt(pci_squared_distance(&positions[3 * (size_t)a], &positions[3 * (size_t)b])));
+    }
+}
+
+// Pairs of vertices across each inner edge.
+static uint32_t *bend_pairs(glb_writer *glb, const pci_topology *topology, size_t *count) {
+    const pc_mesh *proxy = &glb->asset->proxy;
+    uint32_t *pairs = PCI_SCRATCH(&glb->scratch, uint32_t, 2 * topology->edge_count);
+    *count = 0;
+    for (size_t e = 0; e < topology->edge_count && pairs != NULL; ++e) {
+        const size_t first = topology->edge_triangle_offsets[e];
+        if (topology->edge_triangle_offsets[e + 1] - first != 2) {
+            continue;
+        }
+        uint32_t pair[2] = {0};
+        for (size_t side = 0; side < 2; ++side) {
+            const uint32_t *corner =
+                &proxy->triangles[3 * (size_t)topology->edge_triangles[first + side]];
+            const uint32_t *edge = &topology->edges[2 * e];
+            for (size_t k = 0; k < 3; ++k) {
+                if (corner[k] != edge[0] && corner[k] != edge[1]) {
+                    pair[side] = corner[k];
+                }
+            }
+        }
+        if (pair[0] != pair[1]) {
+            memcpy(&pairs[2 * (*count)++], pair, sizeof(pair));
+        }
+    }
+    return pairs;
+}
+
+// What a cloth solver of an engine needs to drive the joints itself.
+static void add_proxy_extras(glb_writer *glb, cJSON *node) {
+    const pc_asset *asset = glb->asset;
+    const pc_mesh *proxy = &asset->proxy;
+    const pc_simulate_options *options = &asset->options.simulate;
+    pci_topology topology = {0};
+    if (!pci_topology_build(&glb->scratch, proxy, &topology)) {
+        return;
+    }
+    cJSON *extras =
+        pci_json_object(&glb->json, pci_json_object(&glb->json, node, "extras"), "proxycloth");
+    pci_json_count(&glb->json, extras, "version", 1);
+    cJSON *joints = pci_json_array(&glb->json, extras, "joints");
+    for (size_t v = 0; v < proxy->vertex_count; ++v) {
+        add_joint_name(glb, joints, NULL, v);
+    }
+    cJSON *triangles = pci_json_array(&glb->json, extras, "triangles");
+    for (size_t i = 0; i < 3 * proxy->triangle_count; ++i) {
+        pci_json_count(&glb->json, triangles, NULL, proxy->triangles[i]);
+    }
+    cJSON *pinned = pci_json_array(&glb->json, extras, "pinned");
+    for (size_t v = 0; v < proxy->vertex_count; ++v) {
+        if (asset->motion.pinned[v] != 0) {
+            pci_json_count(&glb->json, pinned, NULL, v);
+        }
+    }
+    add_springs(glb, extras, "stretch_springs", topology.edges, topology.edge_count,
+                options->stretch_stiffness);
+    size_t bend_count = 0;
+    const uint32_t *bends = bend_pairs(glb, &topology, &bend_count);
+    add_springs(glb, extras, "bend_springs", bends, bend_count, options->bend_stiffness);
+    pci_json_record(&glb->json, extras, "simulation", &pc_simulate_options_record, options);
+}
+
+// Nodes: joint i is node i, then the root of the joints, the garment, the proxy.
+static void add_nodes(glb_writer *glb) {
+    const pc_mesh *proxy = &glb->asset->proxy;
+    const size_t count = proxy->vertex_count;
+    cJSON *nodes = pci_json_array(&glb->json, glb->json.root, "nodes");
+    for (size_t v = 0; v < count; ++v) {
+        cJSON *node = pci_json_object(&glb->json, nodes, NULL);
+        add_joint_name(glb, node, "name", v);
+        cJSON *translation = pci_json_array(&glb->json, node, "translation");
+        for (size_t k = 0; k < 3; ++k) {
+            pci_json_number(&glb->json, translation, NULL,
+                            (double)(float)proxy->positions[3 * v + k]);
+        }
+    }
+    char name[64];
+    cJSON *root = pci_json_object(&glb->json, nodes, NULL);
+    snprintf(name, sizeof(name), "%s_joints", glb->name);
+    pci_json_string(&glb->json, root, "name", name);
+    cJSON *children = pci_json_array(&glb->json, root, "children");
+    for (size_t v = 0; v < count; ++v) {
+        pci_json_count(&glb->json, children, NULL, v);
+    }
+    for (uint32_t mesh = 0; mesh < 2; ++mesh) {
+        cJSON *node = pci_json_object(&glb->json, nodes, NULL);
+        snprintf(name, sizeof(name), "%s%s", glb->name, mesh == 0 ? "" : "_proxy");
+        pci_json_string(&glb->json, node, "name", name);
+        pci_json_count(&glb->json, node, "mesh", mesh);
+        pci_json_count(&glb->json, node, "skin", 0);
+        if (mesh == 1) {
+            add_proxy_extras(glb, node);
+        }
+    }
+    cJSON *scenes = pci_json_array(&glb->json, glb->json.root, "scenes");
+    cJSON *scene_nodes =
+        pci_json_array(&glb->json, pci_json_object(&glb->json, scenes, NULL), "nodes");
+    for (size_t i = 0; i < 3; ++i) {
+        pci_json_count(&glb->json, scene_nodes, NULL, count + i);
+    }
+    pci_json_count(&glb->json, glb->json.root, "scene", 0);
+}
+
+static void add_skin(glb_writer *glb) {
+    const pc_mesh *proxy = &glb->asset->proxy;
+    const size_t count = proxy->vertex_count;
+    cJSON *accessor = NULL;
+    float *matrices = add_floats(glb, count, 16, 0, &accessor);
+    if (matrices == NULL) {
+        return;
+    }
+    for (size_t v = 0; v < count; ++v) {
+        float *matrix = &matrices[16 * v];
+        memset(matrix, 0, 16 * sizeof(float));
+        matrix[0] = matrix[5] = matrix[10] = matrix[15] = 1.0f;
+        for (size_t k = 0; k < 3; ++k) {
+            matrix[12 + k] = -(float)proxy->positions[3 * v + k];
+        }
+    }
+    cJSON *skins = pci_json_array(&glb->json, glb->json.root, "skins");
+    cJSON *skin = pci_json_object(&glb->json, skins, NULL);
+    pci_json_count(&glb->json, skin, "inverseBindMatrices", glb->accessor_count - 1);
+    pci_json_count(&glb->json, skin, "skeleton", count);
+    cJSON *joints = pci_json_array(&glb->json, skin, "joints");
+    for (size_t v = 0; v < count; ++v) {
+        pci_json_count(&glb->json, joints, NULL, v);
+    }
+}
+
+static void add_animation(glb_writer *glb) {
+    const pc_motion *motion = &glb->asset->motion;
+    const size_t frames = motion->frame_count, joints = motion->vertex_count;
+    if (frames == 0) {
+        return;
+    }
+    cJSON *accessor = NULL;
+    float *times = add_floats(glb, frames, 1, 0, &accessor);
+    if (times == NULL) {
+        return;
+    }
+    for (size_t f = 0; f < frames; ++f) {
+        times[f] = (float)((double)f * motion->frame_time);
+    }
+    add_limits(glb, accessor, times, frames, 1);
+    const uint32_t input = glb->accessor_count - 1;
+    float *values = add_view(glb, joints * frames * 3 * sizeof(float), 0);
+    if (values == NULL) {
+        return;
+    }
+    cJSON *animations = pci_json_array(&glb->json, glb->json.root, "animations");
+    cJSON *animation = pci_json_object(&glb->json, animations, NULL);
+    pci_json_string(&glb->json, animation, "name", "simulation");
+    cJSON *channels = pci_json_array(&glb->json, animation, "channels");
+    cJSON *samplers = pci_json_array(&glb->json, animation, "samplers");
+    for (size_t j = 0; j < joints; ++j) {
+        for (size_t f = 0; f < frames; ++f) {
+            for (size_t k = 0; k < 3; ++k) {
+                values[3 * (j * frames + f) + k] =
+                    (float)motion->positions[3 * (f * joints + j) + k];
+            }
+        }
+        add_accessor(glb, j * frames * 3 * sizeof(float), GL_FLOAT, frames, "VEC3");
+        cJSON *sampler = pci_json_object(&glb->json, samplers, NULL);
+        pci_json_count(&glb->json, sampler, "input", input);
+        pci_json_count(&glb->json, sampler, "output", glb->accessor_count - 1);
+        pci_json_string(&glb->json, sampler, "interpolation", "LINEAR");
+        cJSON *channel = pci_json_object(&glb->json, channels, NULL);
+        pci_json_count(&glb->json, channel, "sampler", j);
+        cJSON *target = pci_json_object(&glb->json, channel, "target");
+        pci_json_count(&glb->json, target, "node", j);
+        pci_json_string(&glb->json, target, "path", "translation");
+    }
+}
+
+// ---- file -------------------------------------------------------------------------------------
+
+// Node names are paths and identifiers in engines: letters, digits, '-', '_' and what is not ASCII.
+static void choose_name(const char *asset_name, char name[NAME_LIMIT + 1]) {
+    size_t length = strlen(asset_name);
+    // Never in the middle of a UTF-8 sequence.
+    for (length = length < NAME_LIMIT ? length : NAME_LIMIT;
+         length > 0 && ((unsigned char)asset_name[length] & 0xc0) == 0x80; --length) {
+    }
+    memcpy(name, asset_name, length);
+    name[length] = '\0';
+    for (char *at = name; *at != '\0'; ++at) {
+        const bool kept = ((unsigned char)*at & 0x80) != 0 || (*at >= 'a' && *at <= 'z') ||
+                          (*at >= 'A' && *at <= 'Z') || (*at >= '0' && *at <= '9') || *at == '-';
+        *at = kept ? *at : '_';
+    }
+    if (length == 0) {
+        memcpy(name, "garment", sizeof("garment"));
+    }
+}
+
+static void build(glb_writer *glb) {
+    cJSON *root = glb->json.root;
+    cJSON *asset = pci_json_object(&glb->json, root, "asset");
+    pci_json_string(&glb->json, asset, "version", "2.0");
+    pci_json_string(&glb->json, asset, "generator", "proxycloth " PC_VERSION_STRING);
+    glb->meshes = pci_json_array(&glb->json, root, "meshes");
+    glb->materials = pci_json_array(&glb->json, root, "materials");
+    glb->accessors = pci_json_array(&glb->json, root, "accessors");
+    glb->views = pci_json_array(&glb->json, root, "bufferViews");
+    add_visual_mesh(glb);
+    add_proxy_mesh(glb);
+    add_skin(glb);
+    add_animation(glb);
+    add_nodes(glb);
+    cJSON *buffers = pci_json_array(&glb->json, root, "buffers");
+    pci_json_count(&glb->json, pci_json_object(&glb->json, buffers, NULL), "byteLength", glb->size);
+}
+
+static void write_u32(FILE *stream, size_t value) {
+    unsigned char bytes[4];
+    for (size_t i = 0; i < 4; ++i) {
+        bytes[i] = (unsigned char)(value >> (8 * i));
+    }
+    fwrite(bytes, 1, sizeof(bytes), stream);
+}
+
+static void write_chunk(FILE *stream, size_t type, const void *bytes, size_t size, int filler) {
+    const size_t padding = (4 - size % 4) % 4;
+    write_u32(stream, size + padding);
+    write_u32(stream, type);
+    fwrite(bytes, 1, size, stream);
+    for (size_t i = 0; i < padding; ++i) {
+        fputc(filler, stream);
+    }
+}
+
+static pc_status write_glb(glb_writer *glb, const char *path) {
+    if (failed(glb)) {
+        return pci_fail_memory(glb->context, STAGE);
+    }
+    char *text = pci_json_print(&glb->json, false);
+    if (text == NULL) {
+        return pci_fail_memory(glb->context, STAGE);
+    }
+    const size_t json_size = strlen(text);
+    const size_t total = 12 + 8 + (json_size + 3) / 4 * 4 + 8 + (glb->size + 3) / 4 * 4;
+    pci_atomic_file file;
+    pc_status status;
+    if (total > UINT32_MAX) {
+        status = pci_fail(glb->context, PC_ERROR_TOO_LARGE, STAGE,
+                          STAGE ": %zu bytes do not fit into a GLB file", total);
+    } else {
+        status = pci_atomic_begin(glb->context, STAGE, path, &file);
+    }
+    if (status == PC_OK) {
+        write_u32(file.stream, 0x46546C67); // "glTF"
+        write_u32(file.stream, 2);
+        write_u32(file.stream, total);
+        write_chunk(file.stream, 0x4E4F534A, text, json_size, ' ');        // "JSON"
+        write_chunk(file.stream, 0x004E4942, glb->bytes, glb->size, '\0'); // "BIN"
+        status = pci_atomic_end(&file, PC_OK);
+    }
+    cJSON_free(text);
+    return status;
+}
 
 pc_status pc_export_glb(pc_context *context, const pc_asset *asset, const char *path) {
-    (void)asset;
-    (void)path;
-    return pci_fail(context, PC_ERROR_UNSUPPORTED, "export", "export: not written yet");
+    if (context == NULL) {
+        return PC_ERROR_INVALID_ARGUMENT;
+    }
+    if (asset == NULL || path == NULL || asset->stage_count < PC_STAGE_COUNT) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, STAGE,
+                        STAGE ": a GLB needs an asset with all stages done and a path");
+    }
+    char problem[256];
+    if (!pci_asset_check(asset, problem, sizeof(problem))) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, STAGE, STAGE ": %s", problem);
+    }
+    if (asset->proxy.vertex_count > LARGEST_JOINT_COUNT) {
+        return pci_fail(context, PC_ERROR_TOO_LARGE, STAGE,
+                        STAGE ": the proxy has %zu vertices, glTF allows %d joints",
+                        asset->proxy.vertex_count, LARGEST_JOINT_COUNT);
+    }
+    glb_writer glb = {.context = context, .asset = asset, .scratch = pci_scratch_begin(context)};
+    choose_name(asset->name, glb.name);
+    pci_json_begin(&glb.json);
+    build(&glb);
+    const pc_status status = write_glb(&glb, path);
+    pci_json_end(&glb.json);
+    pci_scratch_end(&glb.scratch);
+    return status;
 }

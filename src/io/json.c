@@ -109,6 +109,43 @@ void pci_json_string(pci_json *json, cJSON *parent, const char *name, const char
     adopt(json, parent, name, item);
 }
 
+void pci_json_field(pci_json *json, cJSON *parent, const pc_field *field, const void *values) {
+    const double number = pc_field_number(field, values);
+    uint64_t count;
+    uint32_t choice = 0;
+    switch (field->type) {
+    case PC_FIELD_DOUBLE:
+        pci_json_number(json, parent, field->name, number);
+        return;
+    case PC_FIELD_BOOL:
+        pci_json_bool(json, parent, field->name, number != 0.0);
+        return;
+    case PC_FIELD_COUNT: // may hold more than a double
+        memcpy(&count, (const char *)values + field->offset, sizeof(count));
+        pci_json_count(json, parent, field->name, count);
+        return;
+    case PC_FIELD_UINT:
+        pci_json_count(json, parent, field->name, (uint64_t)number);
+        return;
+    case PC_FIELD_CHOICE:
+        while (field->choices[choice] != NULL && choice != (uint32_t)number) {
+            ++choice;
+        }
+        pci_json_string(json, parent, field->name,
+                        field->choices[choice] != NULL ? field->choices[choice] : "unknown");
+        return;
+    }
+}
+
+cJSON *pci_json_record(pci_json *json, cJSON *parent, const char *name, const pc_record *record,
+                       const void *values) {
+    cJSON *object = pci_json_object(json, parent, name);
+    for (size_t i = 0; i < record->field_count; ++i) {
+        pci_json_field(json, object, &record->fields[i], values);
+    }
+    return object;
+}
+
 char *pci_json_print(const pci_json *json, bool indented) {
     if (json->failed) {
         return NULL;

@@ -29,6 +29,12 @@ void pci_json_bool(pci_json *json, cJSON *parent, const char *name, bool value);
 // Bytes that are not UTF-8 become '?'.
 void pci_json_string(pci_json *json, cJSON *parent, const char *name, const char *text);
 
+// A field of a struct under its name; choices as their names.
+void pci_json_field(pci_json *json, cJSON *parent, const pc_field *field, const void *values);
+// An object with every field of a struct.
+cJSON *pci_json_record(pci_json *json, cJSON *parent, const char *name, const pc_record *record,
+                       const void *values);
+
 // The text, from cJSON's allocator (cJSON_free); NULL when memory ran out now or earlier.
 char *pci_json_print(const pci_json *json, bool indented);
 

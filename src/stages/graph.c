@@ -54,8 +54,8 @@ typedef struct work {
 
 // Least squares by Householder reflections with column exchanges: rows[r] holds TERMS coefficients
 // and the right-hand side. Columns that add less than RANK_TOLERANCE of the largest one are left
-// out, with solution 0. Returns the rank.
-static size_t least_squares(double rows[][TERMS + 1], size_t row_count, double solution[TERMS]) {
+// out, with solution 0.
+static void least_squares(double rows[][TERMS + 1], size_t row_count, double solution[TERMS]) {
     size_t order[TERMS], rank = 0;
     double first_norm = 0.0;
     for (size_t c = 0; c < TERMS; ++c) {
@@ -106,7 +106,6 @@ static size_t least_squares(double rows[][TERMS + 1], size_t row_count, double s
         }
         solution[order[k]] = value / rows[k][order[k]];
     }
-    return rank;
 }
 
 static size_t add_ring(const pci_topology *topology, uint32_t vertex, uint32_t centre,
@@ -140,7 +139,7 @@ static void tangent_frame(const double normal[3], double x[3], double y[3]) {
 // Fits h = a x^2 + b x y + c y^2 + d x + e y to the neighbours, in the frame of the vertex and in
 // units of the farthest neighbour's distance, which is returned (0: no fit). `terms` gets a .. e.
 static double fit_quadric(const work *w, uint32_t vertex, const uint32_t *neighbours, size_t count,
-                          double terms[TERMS], size_t *rank) {
+                          double terms[TERMS]) {
     double rows[NEIGHBOURS][TERMS + 1], x[3], y[3], scale = 0.0;
     const double *centre = &w->mesh->positions[3 * (size_t)vertex];
     const double *normal = &w->normals[3 * (size_t)vertex];
@@ -161,32 +160,30 @@ static double fit_quadric(const work *w, uint32_t vertex, const uint32_t *neighb
         const double row[TERMS + 1] = {u * u, u * v, v * v, u, v, pci_dot(away, normal) / scale};
         memcpy(rows[i], row, sizeof(row));
     }
-    *rank = least_squares(rows, count, terms);
+    least_squares(rows, count, terms);
     return scale;
 }
 
-// Absolute mean curvature of the surface (u, v, h(u, v)) at the origin. The 1-ring is enough for
-// most vertices; the 2-ring helps where it is too small or lies on a line or a conic.
+// Absolute mean curvature of the surface (u, v, h(u, v)) at the origin. The fit takes the 2-ring:
+// six neighbours for five terms would follow every wrinkle of the projected mesh, and the largest
+// curvature, which scales all weights, would be noise.
 static void find_curvatures(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const work *w = user;
     for (size_t v = begin; v < end; ++v) {
         const uint32_t vertex = (uint32_t)v;
         const double *normal = &w->normals[3 * v];
-        uint32_t neighbours[NEIGHBOURS];
-        size_t count = add_ring(w->topology, vertex, vertex, neighbours, 0), rank = 0;
-        double t[TERMS];
-        if (!(pci_dot(normal, normal) > 0.0) || count == 0) {
+        if (!(pci_dot(normal, normal) > 0.0)) {
             continue;
         }
-        double scale = fit_quadric(w, vertex, neighbours, count, t, &rank);
-        if (rank < TERMS) {
-            const size_t inner = count;
-            for (size_t i = 0; i < inner; ++i) {
-                count = add_ring(w->topology, neighbours[i], vertex, neighbours, count);
-            }
-            scale = fit_quadric(w, vertex, neighbours, count, t, &rank);
+        uint32_t neighbours[NEIGHBOURS];
+        const size_t inner = add_ring(w->topology, vertex, vertex, neighbours, 0);
+        size_t count = inner;
+        for (size_t i = 0; i < inner; ++i) {
+            count = add_ring(w->topology, neighbours[i], vertex, neighbours, count);
         }
+        double t[TERMS];
+        const double scale = fit_quadric(w, vertex, neighbours, count, t);
         if (scale > 0.0) {
             const double hxx = 2.0 * t[0], hxy = t[1], hyy = 2.0 * t[2], hx = t[3], hy = t[4];
             const double slope = 1.0 + hx * hx + hy * hy;

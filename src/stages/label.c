@@ -3,10 +3,10 @@
 #include <float.h>
 
 #include "core/core.h"
-#include "core/roof_duality.h"
 #include "core/signed_solve.h"
 
-#define OPTIMAL_GAP 1e-6
+#define OPTIMAL_GAP     1e-6
+#define WORK_PER_EFFORT UINT64_C(10000000)
 
 static const char *const outcome_choices[] = {"optimal", "feasible", NULL};
 static const pc_field option_fields[] = {
@@ -174,116 +174,6 @@ static pc_status make_problem(pc_context *context, pci_scratch *scratch, const p
     return PC_OK;
 }
 
-// The part of the problem on the vertices of one component, where labels are missing; edges to
-// labelled vertices become edges to the ground.
-static bool extract_component(pci_scratch *scratch, const pci_signed_graph *graph,
-                              const pci_roof *roof, const uint32_t *vertices, size_t count,
-                              const pci_signed_rows *rows, uint32_t *local,
-                              pci_signed_graph *part) {
-    size_t edge_count = 0;
-    for (size_t k = 0; k < count; ++k) {
-        local[vertices[k]] = (uint32_t)k + 1;
-        edge_count += rows->offsets[vertices[k] + 1] - rows->offsets[vertices[k]];
-    }
-    pci_signed_edge *edges = PCI_SCRATCH(scratch, pci_signed_edge, edge_count);
-    if (edges == NULL) {
-        return false;
-    }
-    edge_count = 0;
-    for (size_t k = 0; k < count; ++k) {
-        const uint32_t v = vertices[k];
-        for (size_t r = rows->offsets[v]; r < rows->offsets[v + 1]; ++r) {
-            pci_signed_edge edge = graph->edges[rows->edges[r]];
-            const uint32_t w = pci_signed_other(&edge, v);
-            if (roof->labels[w] != PCI_NO_LABEL) {
-                edge.opposite ^= roof->labels[w] == 0;
-                edge.a = PCI_GROUND;
-                edge.b = local[v];
-            } else if (w > v && roof->components[w] == roof->components[v]) {
-                edge.a = local[v];
-                edge.b = local[w];
-            } else {
-                continue;
-            }
-            edges[edge_count++] = edge;
-        }
-    }
-    pci_signed_graph_create(count + 1, edges, edge_count, part);
-    return true;
-}
-
-// What solving the components came to, in integers.
-typedef struct proof {
-    int64_t bound;
-    uint64_t residual;
-    uint64_t unproven;
-} proof;
-
-// Solves the components one by one and completes the labels of `roof`.
-static pc_status solve_components(pc_context *context, const problem *p, uint32_t effort,
-                                  pci_roof *roof, proof *result) {
-    const pci_signed_graph *graph = &p->graph;
-    const size_t n = graph->vertex_count;
-    pc_status status = PC_OK;
-    pci_scratch scratch = pci_scratch_begin(context);
-    size_t *offsets = PCI_SCRATCH(&scratch, size_t, roof->component_count + 2);
-    uint32_t *vertices = PCI_SCRATCH(&scratch, uint32_t, n);
-    uint32_t *local = PCI_SCRATCH(&scratch, uint32_t, n);
-    uint8_t *complete = PCI_SCRATCH(&scratch, uint8_t, n);
-    pci_signed_rows rows;
-    if (scratch.failed || !pci_signed_graph_rows(&scratch, graph, &rows)) {
-        status = pci_fail_memory(context, "label");
-        goto cleanup;
-    }
-    // Vertices by component.
-    size_t *next = offsets + 1;
-    for (size_t v = 0; v < n; ++v) {
-        if (roof->labels[v] == PCI_NO_LABEL) {
-            ++next[roof->components[v] + 1];
-            ++result->residual;
-        }
-    }
-    for (size_t c = 0; c < roof->component_count; ++c) {
-        next[c + 1] += next[c];
-    }
-    for (uint32_t v = 0; v < n; ++v) {
-        if (roof->labels[v] == PCI_NO_LABEL) {
-            vertices[next[roof->components[v]]++] = v;
-        }
-    }
-    memcpy(complete, roof->labels, n);
-    int64_t excess = 0;
-    for (size_t c = 0; c < roof->component_count && status == PC_OK; ++c) {
-        if (!pci_progress(context, "label", (double)c / (double)roof->component_count)) {
-            status = pci_fail_cancelled(context, "label");
-            break;
-        }
-        pci_scratch local_scratch = pci_scratch_begin(context);
-        const uint32_t *members = &vertices[offsets[c]];
-        const size_t count = offsets[c + 1] - offsets[c];
-        pci_signed_graph part;
-        pci_signed_solution solution = {.labels = PCI_SCRATCH(&local_scratch, uint8_t, count + 1)};
-        if (local_scratch.failed ||
-            !extract_component(&local_scratch, graph, roof, members, count, &rows, local, &part) ||
-            !pci_signed_solve(context, &part, effort, &solution)) {
-            status = pci_fail_memory(context, "label");
-        } else {
-            for (size_t k = 0; k < count; ++k) {
-                complete[members[k]] = solution.labels[k + 1];
-            }
-            excess += solution.cost - solution.bound;
-            result->unproven += solution.cost > solution.bound;
-        }
-        pci_scratch_end(&local_scratch);
-    }
-    memcpy(roof->labels, complete, n);
-    // All that is not proven lies in the components.
-    result->bound = pci_signed_graph_cost(graph, complete) - excess;
-cleanup:
-    pci_scratch_end(&scratch);
-    return status;
-}
-
 // A little smaller than the real value, so that rounding never lifts a bound.
 static double real_bound(const problem *p, int64_t bound) {
     return ldexp((double)bound, -p->exponent) * (1.0 - 16.0 * DBL_EPSILON);
@@ -310,33 +200,34 @@ pc_status pc_label(pc_context *context, const pc_graph *graph, const pc_label_op
     const size_t n = graph->vertex_count;
     pci_scratch scratch = pci_scratch_begin(context);
     problem p = {0};
-    pci_roof roof = {0};
-    proof result = {0};
+    pci_signed_solution solution = {0};
     status = make_problem(context, &scratch, graph, options, &p);
     if (status != PC_OK) {
         goto cleanup;
     }
     labels->labels = PCI_ALLOCATE(context, uint8_t, n);
-    if (labels->labels == NULL || !pci_roof_duality(&scratch, &p.graph, &roof)) {
+    solution.labels = PCI_SCRATCH(&scratch, uint8_t, n + 1);
+    if (labels->labels == NULL || scratch.failed) {
         status = pci_fail_memory(context, "label");
         goto cleanup;
     }
-    status = solve_components(context, &p, options->label_effort, &roof, &result);
+    status = pci_signed_solve(context, "label", &p.graph, options->label_effort * WORK_PER_EFFORT,
+                              &solution);
     if (status != PC_OK) {
         goto cleanup;
     }
     labels->vertex_count = n;
-    memcpy(labels->labels, roof.labels + 1, n);
+    memcpy(labels->labels, solution.labels + 1, n);
     if (report != NULL) {
         const double objective = pc_label_objective(graph, options, labels->labels);
         *report = (pc_label_report){
             .objective = objective,
-            .bound = fmin(real_bound(&p, result.bound), objective),
-            .roof_bound = fmin(real_bound(&p, roof.bound), objective),
-            .fixed = n - result.residual,
-            .residual = result.residual,
-            .residual_components = roof.component_count,
-            .unproven_components = result.unproven,
+            .bound = fmin(real_bound(&p, solution.bound), objective),
+            .roof_bound = fmin(real_bound(&p, solution.roof_bound), objective),
+            .fixed = n - solution.open_vertices,
+            .residual = solution.open_vertices,
+            .residual_components = solution.components,
+            .unproven_components = solution.unproven,
         };
         report->gap = (objective - report->bound) / fmax(1.0, objective);
         report->outcome = report->gap <= OPTIMAL_GAP ? PC_LABEL_OPTIMAL : PC_LABEL_FEASIBLE;

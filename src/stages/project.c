@@ -4,21 +4,25 @@
 #include "core/sparse.h"
 #include "core/topology.h"
 
-#define STAGE               "project"
-#define GRAIN               128
-#define ADAM_ITERATIONS     100
-#define CHOLESKY_ITERATIONS 20
+#define STAGE           "project"
+#define GRAIN           128
+#define ADAM_ITERATIONS 100
+#define ALTERNATIONS    20
 // The alternation ends when an iteration lowers the energy by less than this fraction. Going on
 // would only slide the vertices along the garment: equation (1) is lowest where all meet.
 #define ENERGY_TOLERANCE 0.005
+// Of conjugate gradients. At 1e-2 the final energy is within .2 % of that of exact solutions.
+#define INNER_TOLERANCE  0.01
+#define INNER_ITERATIONS 200
 
-static const char *const projection_solver_choices[] = {"vector_adam", "cholesky", NULL};
+static const char *const projection_solver_choices[] = {"vector_adam", "cholesky",
+                                                        "conjugate_gradients", NULL};
 static const pc_field option_fields[] = {
-    PCI_FIELD_CHOICE(pc_project_options, projection_solver, PC_PROJECT_CHOLESKY, 1,
+    PCI_FIELD_CHOICE(pc_project_options, projection_solver, PC_PROJECT_CONJUGATE_GRADIENTS, 2,
                      projection_solver_choices, "Solver of equation (1)"),
     PCI_FIELD_OPTION(pc_project_options, projection_iterations, UINT, 0, 0, 10000, "",
                      "Most iterations, each with new nearest points; 0: 100 for vector_adam, 20 "
-                     "for cholesky"),
+                     "for the others"),
     PCI_FIELD_OPTION(pc_project_options, lambda_laplacian, DOUBLE, 1.0, 0.0, 1000.0, "",
                      "Weight of the Laplacian term of equation (1)"),
     PCI_FIELD_OPTION(pc_project_options, projection_step, DOUBLE, 0.05, 0.0001, 1.0, "voxels",
@@ -50,10 +54,23 @@ typedef struct problem {
     double *v;         // #V by 3
     double *nearest;   // #V by 3, p of equation (1)
     bool have_nearest; // from the last iteration
-    double *laplacian; // #V by 3, L v
-    double *gradient;  // #V by 3, VectorAdam only
-    double *energies;  // per vertex, then summed in order
+    const double *x;   // #V by 3, argument of the two functions below
+    double *scaled;    // #V by 3, D^-1 L x with D the number of neighbours
+    double *product;   // #V by 3, (I + lambda L^T L) x
+    double *partial;   // per piece of GRAIN vertices, summed in order
 } problem;
+
+static double sum_of_pieces(const problem *p) {
+    double sum = 0.0;
+    for (size_t i = 0; i < (p->count + GRAIN - 1) / GRAIN; ++i) {
+        sum += p->partial[i];
+    }
+    return sum;
+}
+
+static double neighbour_count(const pci_topology *topology, size_t vertex) {
+    return (double)(topology->ring_offsets[vertex + 1] - topology->ring_offsets[vertex]);
+}
 
 // ---- energy -------------------------------------------------------------------------------------
 
@@ -76,60 +93,70 @@ static void find_nearest(void *user, size_t begin, size_t end, uint32_t worker) 
     }
 }
 
-// L v: each vertex minus the mean of its 1-ring.
+// L takes from each vertex the mean of its 1-ring.
 static void apply_laplacian(void *user, size_t begin, size_t end, uint32_t worker) {
-    (void)worker;
-    const problem *p = user;
-    for (size_t i = begin; i < end; ++i) {
-        const size_t from = p->topology->ring_offsets[i], to = p->topology->ring_offsets[i + 1];
-        double sum[3] = {0.0}, *out = &p->laplacian[3 * i];
-        for (size_t r = from; r < to; ++r) {
-            const double *neighbour = &p->v[3 * (size_t)p->topology->ring[r]];
-            sum[0] += neighbour[0], sum[1] += neighbour[1], sum[2] += neighbour[2];
-        }
-        for (size_t k = 0; k < 3; ++k) {
-            out[k] = to > from ? p->v[3 * i + k] - sum[k] / (double)(to - from) : 0.0;
-        }
-        p->energies[i] = pci_squared_distance(&p->v[3 * i], &p->nearest[3 * i]) +
-                         p->options->lambda_laplacian * pci_dot(out, out);
-    }
-}
-
-// Refreshes p and L v; returns the energy per vertex in squared voxels.
-static double refresh(problem *p) {
-    pci_parallel_for(p->context, p->count, GRAIN, find_nearest, p);
-    p->have_nearest = true;
-    pci_parallel_for(p->context, p->count, GRAIN, apply_laplacian, p);
-    double sum = 0.0;
-    for (size_t i = 0; i < p->count; ++i) {
-        sum += p->energies[i];
-    }
-    return sum / ((double)p->count * p->cell_size * p->cell_size);
-}
-
-// ---- VectorAdam ---------------------------------------------------------------------------------
-
-// 2 (v - p) + 2 lambda L^T L v.
-static void find_gradient(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const problem *p = user;
     const pci_topology *t = p->topology;
     for (size_t i = begin; i < end; ++i) {
-        double transposed[3];
-        memcpy(transposed, &p->laplacian[3 * i], sizeof(transposed));
+        const double count = neighbour_count(t, i), share = count > 0.0 ? 1.0 / count : 0.0;
+        double sum[3] = {0.0};
         for (size_t r = t->ring_offsets[i]; r < t->ring_offsets[i + 1]; ++r) {
-            const size_t j = t->ring[r];
-            const double degree = (double)(t->ring_offsets[j + 1] - t->ring_offsets[j]);
-            for (size_t k = 0; k < 3; ++k) {
-                transposed[k] -= p->laplacian[3 * j + k] / degree;
-            }
+            const double *neighbour = &p->x[3 * (size_t)t->ring[r]];
+            sum[0] += neighbour[0], sum[1] += neighbour[1], sum[2] += neighbour[2];
         }
         for (size_t k = 0; k < 3; ++k) {
-            p->gradient[3 * i + k] = 2.0 * (p->v[3 * i + k] - p->nearest[3 * i + k]) +
-                                     2.0 * p->options->lambda_laplacian * transposed[k];
+            p->scaled[3 * i + k] = (p->x[3 * i + k] - sum[k] * share) * share;
         }
     }
 }
+
+// Needs `scaled`; the pieces of x^T (I + lambda L^T L) x go to `partial`.
+static void apply_transposed(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const problem *p = user;
+    const pci_topology *t = p->topology;
+    double dot = 0.0;
+    for (size_t i = begin; i < end; ++i) {
+        const double count = neighbour_count(t, i);
+        double sum[3] = {0.0}, *out = &p->product[3 * i];
+        for (size_t r = t->ring_offsets[i]; r < t->ring_offsets[i + 1]; ++r) {
+            const double *neighbour = &p->scaled[3 * (size_t)t->ring[r]];
+            sum[0] += neighbour[0], sum[1] += neighbour[1], sum[2] += neighbour[2];
+        }
+        for (size_t k = 0; k < 3; ++k) {
+            out[k] = p->x[3 * i + k] +
+                     p->options->lambda_laplacian * (p->scaled[3 * i + k] * count - sum[k]);
+        }
+        dot += pci_dot(&p->x[3 * i], out);
+    }
+    p->partial[begin / GRAIN] = dot;
+}
+
+static void measure_energy(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const problem *p = user;
+    double energy = 0.0;
+    for (size_t i = begin; i < end; ++i) {
+        const double count = neighbour_count(p->topology, i);
+        const double *scaled = &p->scaled[3 * i];
+        energy += pci_squared_distance(&p->v[3 * i], &p->nearest[3 * i]) +
+                  p->options->lambda_laplacian * count * count * pci_dot(scaled, scaled);
+    }
+    p->partial[begin / GRAIN] = energy;
+}
+
+// Refreshes p and, for x = v, `scaled`; returns the energy per vertex in squared voxels.
+static double refresh(problem *p) {
+    pci_parallel_for(p->context, p->count, GRAIN, find_nearest, p);
+    p->have_nearest = true;
+    p->x = p->v;
+    pci_parallel_for(p->context, p->count, GRAIN, apply_laplacian, p);
+    pci_parallel_for(p->context, p->count, GRAIN, measure_energy, p);
+    return sum_of_pieces(p) / ((double)p->count * p->cell_size * p->cell_size);
+}
+
+// ---- VectorAdam ---------------------------------------------------------------------------------
 
 // Adam with one second moment per vertex, so that steps do not depend on the axes [Ling et al.].
 static pc_status run_vector_adam(problem *p, pci_scratch *scratch, uint32_t iterations,
@@ -137,19 +164,19 @@ static pc_status run_vector_adam(problem *p, pci_scratch *scratch, uint32_t iter
     static const double beta1 = 0.9, beta2 = 0.999, epsilon = 1e-8;
     double *first = PCI_SCRATCH(scratch, double, 3 * p->count);
     double *second = PCI_SCRATCH(scratch, double, p->count);
-    p->gradient = PCI_SCRATCH(scratch, double, 3 * p->count);
     if (scratch->failed) {
         return pci_fail_memory(p->context, STAGE);
     }
     const double rate = p->options->projection_step * p->cell_size;
     double power1 = 1.0, power2 = 1.0;
     for (uint32_t t = 0; t < iterations; ++t) {
-        pci_parallel_for(p->context, p->count, GRAIN, find_gradient, p);
+        pci_parallel_for(p->context, p->count, GRAIN, apply_transposed, p);
         power1 *= beta1, power2 *= beta2;
         for (size_t i = 0; i < p->count; ++i) {
+            // Gradient in voxels: 2 (v - p) + 2 lambda L^T L v.
             double g[3];
             for (size_t k = 0; k < 3; ++k) {
-                g[k] = p->gradient[3 * i + k] / p->cell_size;
+                g[k] = 2.0 * (p->product[3 * i + k] - p->nearest[3 * i + k]) / p->cell_size;
                 first[3 * i + k] = beta1 * first[3 * i + k] + (1.0 - beta1) * g[k];
             }
             second[i] = beta2 * second[i] + (1.0 - beta2) * pci_dot(g, g);
@@ -168,7 +195,61 @@ static pc_status run_vector_adam(problem *p, pci_scratch *scratch, uint32_t iter
     return PC_OK;
 }
 
-// ---- alternation --------------------------------------------------------------------------------
+// ---- fixed nearest points: conjugate gradients --------------------------------------------------
+
+typedef struct gradients {
+    problem *p;
+    double *residual, *direction; // #V by 3
+    double step, correction;
+} gradients;
+
+static void move_along_direction(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const gradients *g = user;
+    double dot = 0.0;
+    for (size_t i = 3 * begin; i < 3 * end; ++i) {
+        g->p->v[i] += g->step * g->direction[i];
+        g->residual[i] -= g->step * g->p->product[i];
+        dot += g->residual[i] * g->residual[i];
+    }
+    g->p->partial[begin / GRAIN] = dot;
+}
+
+static void choose_direction(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const gradients *g = user;
+    for (size_t i = 3 * begin; i < 3 * end; ++i) {
+        g->direction[i] = g->residual[i] + g->correction * g->direction[i];
+    }
+}
+
+// Lowers |(I + lambda L^T L) v - p| to INNER_TOLERANCE of what it is. The matrix has a condition
+// number of about 1 + 4 lambda, so that a few iterations do; each one lowers the energy.
+static void conjugate_gradients(gradients *g) {
+    problem *p = g->p;
+    pci_parallel_for(p->context, p->count, GRAIN, apply_transposed, p);
+    for (size_t i = 0; i < 3 * p->count; ++i) {
+        g->residual[i] = p->nearest[i] - p->product[i];
+        g->direction[i] = 0.0;
+    }
+    g->step = g->correction = 0.0;
+    pci_parallel_for(p->context, p->count, GRAIN, move_along_direction, g);
+    double square = sum_of_pieces(p);
+    const double goal = INNER_TOLERANCE * INNER_TOLERANCE * square;
+    p->x = g->direction;
+    for (int k = 0; k < INNER_ITERATIONS && square > goal; ++k) {
+        pci_parallel_for(p->context, p->count, GRAIN, choose_direction, g);
+        pci_parallel_for(p->context, p->count, GRAIN, apply_laplacian, p);
+        pci_parallel_for(p->context, p->count, GRAIN, apply_transposed, p);
+        g->step = square / sum_of_pieces(p);
+        pci_parallel_for(p->context, p->count, GRAIN, move_along_direction, g);
+        const double next = sum_of_pieces(p);
+        g->correction = next / square;
+        square = next;
+    }
+}
+
+// ---- fixed nearest points: Cholesky -------------------------------------------------------------
 
 // Column j of I + lambda L^T L: sum over the rows i of L that use j. Returns the number of entries,
 // rows ascending; `sums` stays zero.
@@ -225,14 +306,29 @@ static pc_status factorise(const problem *p, pci_scratch *scratch, pci_cholesky 
     return pci_cholesky_create(p->context, STAGE, p->count, offsets, rows, values, cholesky);
 }
 
-// Both steps lower equation (1): the solution for fixed p, then the nearest p.
+// ---- alternation --------------------------------------------------------------------------------
+
+// Both steps lower equation (1): v for fixed p, then the nearest p.
 static pc_status run_alternation(problem *p, pci_scratch *scratch, uint32_t iterations,
                                  pc_project_report *report) {
+    const bool direct = p->options->projection_solver == PC_PROJECT_CHOLESKY;
     pci_cholesky *cholesky = NULL;
-    pc_status status = factorise(p, scratch, &cholesky);
+    pc_status status = PC_OK;
+    gradients g = {.p = p};
+    if (direct) {
+        status = factorise(p, scratch, &cholesky);
+    } else {
+        g.residual = PCI_SCRATCH(scratch, double, 3 * p->count);
+        g.direction = PCI_SCRATCH(scratch, double, 3 * p->count);
+        status = scratch->failed ? pci_fail_memory(p->context, STAGE) : PC_OK;
+    }
     bool converged = false;
     for (uint32_t t = 0; t < iterations && !converged && status == PC_OK; ++t) {
-        status = pci_cholesky_solve(p->context, cholesky, 3, p->nearest, p->v);
+        if (direct) {
+            status = pci_cholesky_solve(p->context, cholesky, 3, p->nearest, p->v);
+        } else {
+            conjugate_gradients(&g);
+        }
         if (status == PC_OK) {
             const double previous = report->energy_after;
             report->energy_after = refresh(p);
@@ -270,8 +366,9 @@ static pc_status run(problem *p, pci_scratch *scratch, const pc_mesh *isosurface
     pci_topology topology;
     p->count = isosurface->vertex_count;
     p->nearest = PCI_SCRATCH(scratch, double, 3 * p->count);
-    p->laplacian = PCI_SCRATCH(scratch, double, 3 * p->count);
-    p->energies = PCI_SCRATCH(scratch, double, p->count);
+    p->scaled = PCI_SCRATCH(scratch, double, 3 * p->count);
+    p->product = PCI_SCRATCH(scratch, double, 3 * p->count);
+    p->partial = PCI_SCRATCH(scratch, double, p->count / GRAIN + 1);
     projected->vertex_count = p->count;
     projected->triangle_count = isosurface->triangle_count;
     projected->positions = PCI_ALLOCATE(p->context, double, 3 * p->count);
@@ -289,7 +386,7 @@ static pc_status run(problem *p, pci_scratch *scratch, const pc_mesh *isosurface
     report->energy_before = report->energy_after = refresh(p);
     const bool adam = p->options->projection_solver == PC_PROJECT_VECTOR_ADAM;
     const uint32_t asked = p->options->projection_iterations;
-    const uint32_t iterations = asked != 0 ? asked : adam ? ADAM_ITERATIONS : CHOLESKY_ITERATIONS;
+    const uint32_t iterations = asked != 0 ? asked : adam ? ADAM_ITERATIONS : ALTERNATIONS;
     const pc_status status = adam ? run_vector_adam(p, scratch, iterations, report)
                                   : run_alternation(p, scratch, iterations, report);
     for (size_t i = 0; i < p->count && status == PC_OK; ++i) {

@@ -34,7 +34,7 @@ static double corner_quality(const pci_relaxation *r, uint32_t a, uint32_t b, ui
     return triangle_quality(coarse_point(r, a), coarse_point(r, b), coarse_point(r, c), facing);
 }
 
-static double fan_quality(const pci_relaxation *r, uint32_t v) {
+double pci_relax_quality(const pci_relaxation *r, uint32_t v) {
     double worst = INFINITY;
     PCI_FOR_OUTGOING(r->coarse, v, h) {
         worst = fmin(worst, corner_quality(r, v, pci_target(r->coarse, h),
@@ -127,19 +127,15 @@ static void move_to(pci_relaxation *r, uint32_t v, const double target[3]) {
 
 void pci_relax_place(pci_relaxation *r) {
     for (uint32_t v = 0; v < r->coarse->vertex_count; ++v) {
-        if (r->coarse->outgoing[v] != PC_INVALID_INDEX && !r->fixed[v]) {
-            double target[3];
-            memcpy(target, coarse_point(r, v), sizeof(target));
-            move_to(r, v, target);
-        }
+        double target[3];
+        memcpy(target, coarse_point(r, v), sizeof(target));
+        move_to(r, v, target);
     }
 }
 
 // ---- sliding ----------------------------------------------------------------------------------
 
-// Where the vertex should be: amid its border neighbours, or at the centroid of its triangles
-// weighted by area (a step of Lloyd's method for the centroidal Voronoi diagram).
-static bool slide_target(const pci_relaxation *r, uint32_t v, double target[3]) {
+bool pci_relax_target(const pci_relaxation *r, uint32_t v, double target[3]) {
     const pci_halfedge *coarse = r->coarse;
     if (pci_is_border_vertex(coarse, v)) {
         const double *next = coarse_point(r, pci_target(coarse, coarse->outgoing[v]));
@@ -176,14 +172,14 @@ static bool slide(pci_relaxation *r, uint32_t v) {
     static const double good = 0.8;
     double start[3], target[3];
     memcpy(start, coarse_point(r, v), sizeof(start));
-    if (!slide_target(r, v, target)) {
+    if (!pci_relax_target(r, v, target)) {
         return false;
     }
     const uint32_t foot = r->feet[v];
-    const double before = fan_quality(r, v);
+    const double before = pci_relax_quality(r, v);
     for (size_t attempt = 0; attempt < 3; ++attempt) {
         move_to(r, v, target);
-        const double after = fan_quality(r, v);
+        const double after = pci_relax_quality(r, v);
         if (after > before || after >= good) {
             return true;
         }
@@ -235,17 +231,20 @@ static bool improve_edge(pci_relaxation *r, uint32_t h) {
     return true;
 }
 
-size_t pci_relax_pass(pci_relaxation *r) {
+size_t pci_relax_flip(pci_relaxation *r) {
     size_t changes = 0;
     for (uint32_t h = 0; h < 3 * r->coarse->triangle_count; ++h) {
         if (pci_is_edge(r->coarse, h)) {
             changes += improve_edge(r, h);
         }
     }
+    return changes;
+}
+
+size_t pci_relax_pass(pci_relaxation *r) {
+    size_t changes = pci_relax_flip(r);
     for (uint32_t v = 0; v < r->coarse->vertex_count; ++v) {
-        if (r->coarse->outgoing[v] != PC_INVALID_INDEX && !r->fixed[v]) {
-            changes += slide(r, v);
-        }
+        changes += !r->pinned[v] && slide(r, v);
     }
     return changes;
 }

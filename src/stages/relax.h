@@ -11,8 +11,8 @@ typedef struct pci_relaxation {
     const pci_halfedge *fine;
     const double *fine_normals; // #V by 3, unit
     pci_halfedge *coarse;
-    uint32_t *feet;       // per coarse vertex
-    const uint8_t *fixed; // per coarse vertex, 1: does not move
+    uint32_t *feet;  // per coarse vertex
+    uint8_t *pinned; // per coarse vertex, 1: does not move
 } pci_relaxation;
 
 // Puts every coarse vertex onto the fine surface, at the point nearest to its position that can be
@@ -20,5 +20,12 @@ typedef struct pci_relaxation {
 void pci_relax_place(pci_relaxation *relaxation);
 // One pass of sliding and flipping. Returns the number of changes.
 size_t pci_relax_pass(pci_relaxation *relaxation);
+// One pass of flipping only.
+size_t pci_relax_flip(pci_relaxation *relaxation);
+// Where a vertex should be for even triangles: amid its border neighbours, or at the centroid of
+// its triangles weighted by area (a step of Lloyd's method). False: its triangles have no area.
+bool pci_relax_target(const pci_relaxation *relaxation, uint32_t vertex, double target[3]);
+// Worst quality of the triangles at a vertex: 1 equilateral, 0 degenerate, negative turned over.
+double pci_relax_quality(const pci_relaxation *relaxation, uint32_t vertex);
 
 #endif

@@ -6,7 +6,8 @@
 #include "core/manifold.h"
 #include "core/topology.h"
 #include "stages/clustering.h"
-#include "stages/relax.h"
+#include "stages/corners.h"
+#include "stages/fit.h"
 
 static const char *const shortfall_choices[] = {"none", "topology", "budget", NULL};
 static const pc_field option_fields[] = {
@@ -49,6 +50,10 @@ const pc_record pc_simplify_report_record = PCI_RECORD(report_fields, pc_simplif
 static const size_t samples_per_cluster = 16;
 // Passes of sliding and flipping; most meshes rest earlier.
 static const size_t relax_passes = 30;
+// Least quality of the triangles at a corner of the border.
+static const double pinned_quality = 0.5;
+// Passes of fitting.
+static const size_t fit_passes = 10;
 
 // What has been merged into each vertex of the coarse mesh.
 typedef struct merging {
@@ -325,25 +330,77 @@ static bool drop_unaffordable(pci_scratch *scratch, pc_mesh *layer, size_t verti
     }
 }
 
-static bool relax(pci_scratch *scratch, const pci_halfedge *fine, pci_halfedge *coarse,
-                  const uint32_t *kept, const uint32_t *fine_feet) {
-    double *normals = PCI_SCRATCH(scratch, double, 3 * fine->vertex_count);
-    uint32_t *feet = PCI_SCRATCH(scratch, uint32_t, coarse->vertex_count);
-    uint8_t *fixed = PCI_SCRATCH(scratch, uint8_t, coarse->vertex_count);
-    if (scratch->failed) {
+// Puts the nearest border vertex on each corner of the border, once.
+static bool pin_corners(const merging *m, pci_relaxation *r) {
+    const pci_halfedge *fine = m->fine;
+    uint8_t *corners = PCI_SCRATCH(m->scratch, uint8_t, fine->vertex_count);
+    if (corners == NULL || !pci_find_corners(m->scratch, fine, 0.5 * m->spacing, corners)) {
+        return false;
+    }
+    for (uint32_t v = 0; v < fine->vertex_count; ++v) {
+        if (!corners[v]) {
+            continue;
+        }
+        // The vertex that the corner was merged into, or one of its neighbours on the border.
+        const double *corner = &fine->positions[3 * (size_t)v];
+        const uint32_t own = m->parent[v];
+        const uint32_t candidates[3] = {own, pci_target(r->coarse, r->coarse->outgoing[own]),
+                                        pci_origin(r->coarse, pci_border_incoming(r->coarse, own))};
+        uint32_t best = PC_INVALID_INDEX;
+        double nearest = INFINITY;
+        for (size_t i = 0; i < 3; ++i) {
+            const double distance =
+                pci_squared_distance(corner, &r->coarse->positions[3 * (size_t)candidates[i]]);
+            if (!r->pinned[candidates[i]] && distance < nearest) {
+                nearest = distance;
+                best = candidates[i];
+            }
+        }
+        if (best != PC_INVALID_INDEX) {
+            r->pinned[best] = 1;
+            r->feet[best] = v;
+            memcpy(&r->coarse->positions[3 * (size_t)best], corner, 3 * sizeof(*corner));
+        }
+    }
+    return true;
+}
+
+// Evens out the coarse mesh on the fine one, then fits its triangles to it.
+static bool relax_and_fit(merging *m, pci_halfedge *coarse, const uint32_t *kept,
+                          const uint32_t *fine_feet) {
+    const pci_halfedge *fine = m->fine;
+    double *normals = PCI_SCRATCH(m->scratch, double, 3 * fine->vertex_count);
+    uint32_t *feet = PCI_SCRATCH(m->scratch, uint32_t, coarse->vertex_count);
+    uint32_t *number = PCI_SCRATCH(m->scratch, uint32_t, fine->vertex_count);
+    uint8_t *pinned = PCI_SCRATCH(m->scratch, uint8_t, coarse->vertex_count);
+    if (m->scratch->failed) {
         return false;
     }
     const pc_mesh fine_mesh = {fine->vertex_count, fine->positions, fine->triangle_count,
                                fine->corners};
     pci_vertex_normals(&fine_mesh, normals);
-    for (size_t v = 0; v < coarse->vertex_count; ++v) {
+    for (uint32_t v = 0; v < coarse->vertex_count; ++v) {
         feet[v] = fine_feet[kept[v]];
+        number[kept[v]] = v;
     }
-    pci_relaxation relaxation = {fine, normals, coarse, feet, fixed};
+    for (uint32_t v = 0; v < fine->vertex_count; ++v) {
+        m->parent[v] = find_root(m->parent, v);
+    }
+    for (uint32_t v = 0; v < fine->vertex_count; ++v) {
+        m->parent[v] = number[m->parent[v]];
+    }
+    pci_relaxation relaxation = {fine, normals, coarse, feet, pinned};
     pci_relax_place(&relaxation);
+    if (!pin_corners(m, &relaxation)) {
+        return false;
+    }
     for (size_t pass = 0; pass < relax_passes && pci_relax_pass(&relaxation) > 0; ++pass) {
     }
-    return true;
+    // A corner that leaves no room for good triangles is given up.
+    for (uint32_t v = 0; v < coarse->vertex_count; ++v) {
+        pinned[v] = pinned[v] && pci_relax_quality(&relaxation, v) >= pinned_quality;
+    }
+    return pci_fit(m->scratch, &relaxation, m->parent, m->areas, m->arcs, m->spacing, fit_passes);
 }
 
 static pc_status measure(pci_scratch *scratch, const pc_mesh *mesh, size_t wanted,
@@ -405,8 +462,7 @@ static pc_status simplify(pci_scratch *scratch, pc_mesh *layer, const pc_simplif
     report->surplus_vertices = m.coarse.live_vertices - options->vertices;
     if (!reduce(&m, options->vertices) || !place_vertices(&m, feet) ||
         !pci_halfedge_export(&m.coarse, proxy, &kept) ||
-        !pci_halfedge_build(scratch, proxy, &coarse) ||
-        !relax(scratch, &fine, &coarse, kept, feet)) {
+        !pci_halfedge_build(scratch, proxy, &coarse) || !relax_and_fit(&m, &coarse, kept, feet)) {
         return pci_fail_memory(context, "simplify");
     }
     memcpy(proxy->positions, coarse.positions, 3 * proxy->vertex_count * sizeof(double));

@@ -47,14 +47,14 @@ static inline void fixture_tube(pc_context *context, size_t rings, size_t sector
     }
 }
 
-static inline void fixture_visual(pc_context *context, pc_visual *visual) {
-    enum { RINGS = 9, SECTORS = 12, COLUMNS = SECTORS + 1 };
-    fixture_tube(context, RINGS, SECTORS, 0.3, 1, &visual->surface);
+static inline void fixture_visual(pc_context *context, size_t rings, pc_visual *visual) {
+    enum { SECTORS = 12, COLUMNS = SECTORS + 1 };
+    fixture_tube(context, rings, SECTORS, 0.3, 1, &visual->surface);
     // The last triangle has no area; its corners follow those of the first.
     const size_t triangles = visual->surface.triangle_count;
     uint32_t *last = &visual->surface.triangles[3 * (triangles - 1)];
     last[0] = last[1] = 0, last[2] = 1;
-    const size_t corners = (size_t)RINGS * COLUMNS + FIXTURE_STRAY_CORNERS;
+    const size_t corners = rings * COLUMNS + FIXTURE_STRAY_CORNERS;
     visual->corner_count = corners;
     visual->corner_vertices = PCI_ALLOCATE(context, uint32_t, corners);
     visual->corner_triangles = PCI_ALLOCATE(context, uint32_t, 3 * triangles);
@@ -63,7 +63,7 @@ static inline void fixture_visual(pc_context *context, pc_visual *visual) {
     visual->colors = PCI_ALLOCATE(context, float, 4 * corners);
     visual->triangle_materials = PCI_ALLOCATE(context, uint32_t, triangles);
     for (size_t c = 0; c < corners; ++c) {
-        const size_t ring = c / COLUMNS % RINGS, column = c % COLUMNS;
+        const size_t ring = c / COLUMNS % rings, column = c % COLUMNS;
         const uint32_t vertex = (uint32_t)(ring * SECTORS + column % SECTORS);
         const double *p = &visual->surface.positions[3 * vertex];
         const double length = sqrt(p[0] * p[0] + p[2] * p[2]);
@@ -71,9 +71,9 @@ static inline void fixture_visual(pc_context *context, pc_visual *visual) {
         visual->normals[3 * c] = (float)(p[0] / length);
         visual->normals[3 * c + 2] = (float)(p[2] / length);
         visual->texcoords[2 * c] = (float)column / SECTORS;
-        visual->texcoords[2 * c + 1] = (float)ring / RINGS;
+        visual->texcoords[2 * c + 1] = (float)ring / (float)rings;
         for (size_t k = 0; k < 4; ++k) {
-            visual->colors[4 * c + k] = (float)(k + 1) / 8.0f + (float)ring / 40.0f;
+            visual->colors[4 * c + k] = (float)(k + 1) / 8.0f + 0.3f * (float)ring / (float)rings;
         }
     }
     for (size_t t = 0; t < triangles; ++t) {
@@ -211,7 +211,7 @@ static inline void fixture_asset(pc_context *context, uint32_t influences, pc_as
     memset(asset, 0, sizeof(*asset));
     snprintf(asset->name, sizeof(asset->name), "tube \xc3\xbc");
     asset->stage_count = PC_STAGE_COUNT;
-    fixture_visual(context, &asset->visual);
+    fixture_visual(context, 9, &asset->visual);
     fixture_grid(context, &asset->grid);
     fixture_closed(context, 1.2, &asset->isosurface);
     fixture_closed(context, 1.0, &asset->projected);

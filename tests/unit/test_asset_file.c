@@ -6,33 +6,10 @@
 #include <unistd.h>
 
 #include "support/asset_fixture.h"
+#include "support/files.h"
+#include "support/memory.h"
 
-static char folder[] = "/tmp/proxycloth-asset-XXXXXX";
-static char path[64], other_path[64];
-
-typedef struct bytes {
-    unsigned char *data;
-    size_t size;
-} bytes;
-
-static bytes read_bytes(const char *name) {
-    FILE *file = fopen(name, "rb");
-    assert_non_null(file);
-    fseek(file, 0, SEEK_END);
-    bytes content = {.size = (size_t)ftell(file)};
-    rewind(file);
-    content.data = malloc(content.size + 1);
-    assert_int_equal(fread(content.data, 1, content.size, file), content.size);
-    fclose(file);
-    return content;
-}
-
-static void write_bytes(const char *name, const void *data, size_t size) {
-    FILE *file = fopen(name, "wb");
-    assert_non_null(file);
-    assert_int_equal(fwrite(data, 1, size, file), size);
-    assert_int_equal(fclose(file), 0);
-}
+static char folder[64], path[64], other_path[64];
 
 // The seal behind the HDF5 part: a mark and FNV-1a of what is before it.
 static void seal_bytes(bytes content) {
@@ -44,14 +21,6 @@ static void seal_bytes(bytes content) {
     for (size_t i = 0; i < 8; ++i) {
         content.data[content.size - 8 + i] = (unsigned char)(hash >> (8 * i));
     }
-}
-
-static void assert_same_file(const char *a, const char *b) {
-    bytes x = read_bytes(a), y = read_bytes(b);
-    assert_int_equal(x.size, y.size);
-    assert_memory_equal(x.data, y.data, x.size);
-    free(x.data);
-    free(y.data);
 }
 
 static void assert_empty(const pc_asset *asset) {
@@ -614,34 +583,12 @@ static void error_handler_is_restored(void **state) {
 
 // ---- memory -----------------------------------------------------------------------------------
 
-typedef struct counting_allocator {
-    size_t calls, live, fail_at;
-} counting_allocator;
-
-static void *counting_allocate(void *user, size_t size) {
-    counting_allocator *counter = user;
-    if (++counter->calls == counter->fail_at) {
-        return NULL;
-    }
-    void *memory = malloc(size);
-    counter->live += memory != NULL;
-    return memory;
-}
-
-static void counting_release(void *user, void *memory) {
-    ((counting_allocator *)user)->live -= 1;
-    free(memory);
-}
-
 // Every allocation of a load fails once: an error, an empty asset, no leak.
 static void loading_survives_lack_of_memory(void **state) {
     (void)state;
     saved_file(4, PC_STAGE_COUNT);
     counting_allocator counter = {0};
-    const pc_context_options options = {
-        .allocator = {counting_allocate, counting_release, &counter}, .threads = 1};
-    pc_context *context = NULL;
-    assert_int_equal(pc_context_create(&options, &context), PC_OK);
+    pc_context *context = counting_context(&counter);
     const size_t live = counter.live;
     pc_status status = PC_ERROR_OUT_OF_MEMORY;
     size_t fail_at = 0;
@@ -663,20 +610,12 @@ static void loading_survives_lack_of_memory(void **state) {
 
 static int make_folder(void **state) {
     (void)state;
-    if (mkdtemp(folder) == NULL) {
-        return -1;
-    }
-    snprintf(path, sizeof(path), "%s/asset.h5", folder);
-    snprintf(other_path, sizeof(other_path), "%s/other.h5", folder);
-    return 0;
+    return test_make_folder(folder, path, "asset.h5", other_path, "other.h5");
 }
 
-// Nothing but the two files is left behind.
 static int remove_folder(void **state) {
     (void)state;
-    unlink(path);
-    unlink(other_path);
-    return rmdir(folder);
+    return test_remove_folder(folder, path, other_path);
 }
 
 int main(void) {

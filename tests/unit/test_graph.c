@@ -20,7 +20,7 @@ static void sphere_has_curvature_one_over_radius(void **state) {
     for (size_t i = 0; i < 3; ++i) {
         double error[2];
         for (size_t level = 0; level < 2; ++level) {
-            pc_mesh mesh = shape_sphere(context, level == 0 ? 12 : 24, radii[i]);
+            pc_mesh mesh = shape_sphere(context, level == 0 ? 16 : 32, radii[i]);
             pc_graph graph = {0};
             pc_graph_report report;
             const double cell = 0.1 * radii[i];

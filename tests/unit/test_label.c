@@ -3,6 +3,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "core/cycle_bound.h"
+#include "core/elimination.h"
 #include "core/maxflow.h"
 #include "core/roof_duality.h"
 #include "support/test.h"
@@ -145,6 +147,156 @@ static void agrees_with_enumeration(void **state) {
     pc_context_destroy(context);
 }
 
+// ---- signed graphs ------------------------------------------------------------------------------
+
+enum { MAX_SIGNED = 13 };
+
+// Small integer costs, so that ties abound; odd seeds have no edge to the ground.
+static void random_signed_graph(uint64_t seed, pci_signed_edge *edges, pci_signed_graph *graph) {
+    const uint32_t n = 4 + (uint32_t)(pci_random_bits(seed, 3, 0) % (MAX_SIGNED - 3));
+    const uint32_t first = (uint32_t)(seed % 2), span = n - first;
+    const size_t count = 1 + pci_random_bits(seed, 3, 1) % (4 * n);
+    for (size_t e = 0; e < count; ++e) {
+        const uint64_t bits = pci_random_bits(seed, 4, e);
+        const uint32_t a = (uint32_t)(bits % span);
+        edges[e] =
+            (pci_signed_edge){.a = first + a,
+                              .b = first + (a + 1 + (uint32_t)(bits >> 8) % (span - 1)) % span,
+                              .opposite = bits >> 40 & 1,
+                              .cost = (int64_t)(bits >> 48) % (seed % 3 == 0 ? 1000 : 5)};
+    }
+    pci_signed_graph_create(n, edges, count, graph);
+}
+
+static void decode(uint32_t bits, size_t n, uint8_t *labels) {
+    for (size_t v = 0; v < n; ++v) {
+        labels[v] = bits >> v & 1u;
+    }
+}
+
+static int64_t signed_optimum(const pci_signed_graph *graph) {
+    int64_t best = INT64_MAX;
+    for (uint32_t bits = 1; bits < 1u << graph->vertex_count; bits += 2) {
+        uint8_t labels[MAX_SIGNED];
+        decode(bits, graph->vertex_count, labels);
+        const int64_t cost = pci_signed_graph_cost(graph, labels);
+        best = cost < best ? cost : best;
+    }
+    return best;
+}
+
+static void elimination_is_exact(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    for (uint64_t seed = 0; seed < 300; ++seed) {
+        pci_signed_edge edges[4 * MAX_SIGNED];
+        pci_signed_graph graph;
+        random_signed_graph(seed, edges, &graph);
+        uint8_t labels[MAX_SIGNED];
+        bool solved = false;
+        assert_true(pci_eliminate(context, &graph, MAX_SIGNED, 1 << 16, labels, &solved));
+        assert_true(solved);
+        assert_int_equal(labels[PCI_GROUND], 1);
+        assert_int_equal(pci_signed_graph_cost(&graph, labels), signed_optimum(&graph));
+    }
+    // A clique of 6 without the ground is 5 wide.
+    pci_signed_edge edges[15];
+    size_t count = 0;
+    for (uint32_t a = 1; a < 7; ++a) {
+        for (uint32_t b = a + 1; b < 7; ++b) {
+            edges[count++] = (pci_signed_edge){.a = a, .b = b, .opposite = true, .cost = 1};
+        }
+    }
+    pci_signed_graph graph;
+    pci_signed_graph_create(7, edges, count, &graph);
+    uint8_t labels[7];
+    bool solved = true;
+    assert_true(pci_eliminate(context, &graph, 4, 1 << 16, labels, &solved));
+    assert_false(solved);
+    assert_true(pci_eliminate(context, &graph, 5, 62, labels, &solved));
+    assert_false(solved); // 32 + 16 + 8 + 4 + 2 + 1 entries
+    assert_true(pci_eliminate(context, &graph, 5, 63, labels, &solved));
+    assert_true(solved);
+    assert_int_equal(pci_signed_graph_cost(&graph, labels), 6);
+    pc_context_destroy(context);
+}
+
+// The certificate says: a labelling costs at least the bound plus the residuals of the edges whose
+// wishes it violates.
+static void cycle_bound_holds(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    size_t tight = 0, above_roof = 0;
+    for (uint64_t seed = 0; seed < 200; ++seed) {
+        pci_signed_edge edges[4 * MAX_SIGNED];
+        pci_signed_graph graph;
+        random_signed_graph(seed, edges, &graph);
+        pci_scratch scratch = pci_scratch_begin(context);
+        uint8_t best[MAX_SIGNED];
+        memset(best, 1, sizeof(best));
+        uint64_t work = 100000;
+        pci_cycle_bound cycles;
+        pci_roof roof;
+        assert_true(pci_find_cycle_bound(&scratch, &graph, &work, best, &cycles));
+        assert_true(pci_roof_duality(&scratch, &graph, &roof));
+        const int64_t optimum = signed_optimum(&graph);
+        assert_int_equal(best[PCI_GROUND], 1);
+        assert_true(pci_signed_graph_cost(&graph, best) >= optimum);
+        assert_true(cycles.bound <= optimum);
+        for (uint32_t bits = 1; bits < 1u << graph.vertex_count; bits += 2) {
+            uint8_t labels[MAX_SIGNED];
+            decode(bits, graph.vertex_count, labels);
+            int64_t least = cycles.bound;
+            for (size_t e = 0; e < graph.edge_count; ++e) {
+                const pci_signed_edge *edge = &graph.edges[e];
+                const bool differ = labels[edge->a] != labels[edge->b];
+                assert_true(cycles.residuals[e] >= 0);
+                least += differ != edge->opposite ? cycles.residuals[e] : 0;
+            }
+            assert_true(pci_signed_graph_cost(&graph, labels) >= least);
+        }
+        tight += cycles.bound == optimum;
+        above_roof += cycles.bound > roof.bound;
+        pci_scratch_end(&scratch);
+    }
+    // It is worth its name.
+    assert_true(tight > 100);
+    assert_true(above_roof > 40);
+    pc_context_destroy(context);
+}
+
+// Each labelling of the contracted graph costs what its expansion costs.
+static void contraction_keeps_costs(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    for (uint64_t seed = 0; seed < 100; ++seed) {
+        pci_signed_edge edges[4 * MAX_SIGNED];
+        pci_signed_graph graph;
+        random_signed_graph(seed, edges, &graph);
+        uint8_t granted[4 * MAX_SIGNED] = {0};
+        for (size_t e = 0; e < graph.edge_count; ++e) {
+            granted[e] = pci_random(seed, 8, e) < 0.15;
+        }
+        pci_scratch scratch = pci_scratch_begin(context);
+        pci_contraction reduced;
+        assert_true(pci_signed_graph_contract(&scratch, &graph, granted, &reduced));
+        const size_t n = reduced.graph.vertex_count;
+        assert_int_equal(reduced.classes[PCI_GROUND], PCI_GROUND);
+        assert_int_equal(reduced.flips[PCI_GROUND], 0);
+        for (uint32_t bits = 1; bits < 1u << n; bits += 2) {
+            uint8_t labels[MAX_SIGNED], expanded[MAX_SIGNED];
+            decode(bits, n, labels);
+            for (size_t v = 0; v < graph.vertex_count; ++v) {
+                expanded[v] = labels[reduced.classes[v]] ^ reduced.flips[v];
+            }
+            assert_int_equal(pci_signed_graph_cost(&reduced.graph, labels),
+                             pci_signed_graph_cost(&graph, expanded));
+        }
+        pci_scratch_end(&scratch);
+    }
+    pc_context_destroy(context);
+}
+
 // ---- roof duality -------------------------------------------------------------------------------
 
 static void roof_labels_extend_to_an_optimum(void **state) {
@@ -152,29 +304,20 @@ static void roof_labels_extend_to_an_optimum(void **state) {
     pc_context *context = test_context(1);
     size_t fixed = 0, open = 0;
     for (uint64_t seed = 0; seed < 400; ++seed) {
-        pci_signed_edge edges[MAX_EDGES];
-        const uint32_t n = 2 + (uint32_t)(pci_random_bits(seed, 3, 0) % 10);
-        const size_t count = 1 + pci_random_bits(seed, 3, 1) % (3 * n);
-        for (size_t e = 0; e < count; ++e) {
-            const uint64_t bits = pci_random_bits(seed, 4, e);
-            const uint32_t a = (uint32_t)(bits % n);
-            edges[e] = (pci_signed_edge){.a = a,
-                                         .b = (a + 1 + (uint32_t)(bits >> 8) % (n - 1)) % n,
-                                         .opposite = bits >> 40 & 1,
-                                         .cost = (int64_t)(bits >> 48) % 7};
-        }
+        pci_signed_edge edges[4 * MAX_SIGNED];
         pci_signed_graph graph;
-        pci_signed_graph_create(n, edges, count, &graph);
+        random_signed_graph(seed, edges, &graph);
+        const size_t n = graph.vertex_count;
         pci_scratch scratch = pci_scratch_begin(context);
         pci_roof roof;
         assert_true(pci_roof_duality(&scratch, &graph, &roof));
         assert_int_equal(roof.labels[PCI_GROUND], 1);
         int64_t best = INT64_MAX, best_with_roof = INT64_MAX;
         for (uint32_t bits = 1; bits < 1u << n; bits += 2) {
-            uint8_t labels[16];
+            uint8_t labels[MAX_SIGNED];
             bool follows = true;
-            for (uint32_t v = 0; v < n; ++v) {
-                labels[v] = bits >> v & 1u;
+            decode(bits, n, labels);
+            for (size_t v = 0; v < n; ++v) {
                 follows =
                     follows && (roof.labels[v] == PCI_NO_LABEL || roof.labels[v] == labels[v]);
             }
@@ -408,6 +551,9 @@ static void bad_input(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(agrees_with_enumeration),
+        cmocka_unit_test(elimination_is_exact),
+        cmocka_unit_test(cycle_bound_holds),
+        cmocka_unit_test(contraction_keeps_costs),
         cmocka_unit_test(roof_labels_extend_to_an_optimum),
         cmocka_unit_test(flow_equals_cut),
         cmocka_unit_test(trivial_graphs),

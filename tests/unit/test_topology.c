@@ -1,13 +1,487 @@
+#include "core/topology.h"
+
 #include "support/test.h"
 
-static void waits_to_be_written(void **state) {
+#include <stdlib.h>
+
+static pc_mesh allocate_mesh(pc_context *context, size_t vertices, size_t triangles) {
+    pc_mesh mesh = {.vertex_count = vertices, .triangle_count = triangles};
+    mesh.positions = PCI_ALLOCATE(context, double, 3 * vertices);
+    mesh.triangles = PCI_ALLOCATE(context, uint32_t, 3 * triangles);
+    assert_non_null(mesh.positions);
+    assert_non_null(mesh.triangles);
+    return mesh;
+}
+
+// Triangles between random vertices: repeated vertices, duplicates and crowded edges abound.
+static pc_mesh random_triangles(pc_context *context, size_t vertices, size_t triangles,
+                                uint64_t seed) {
+    pc_mesh mesh = allocate_mesh(context, vertices, triangles);
+    for (size_t i = 0; i < 3 * triangles; ++i) {
+        mesh.triangles[i] = (uint32_t)(pci_random(seed, i, 0) * (double)vertices);
+    }
+    for (size_t i = 0; i < 3 * vertices; ++i) {
+        mesh.positions[i] = pci_random(seed, i, 1);
+    }
+    return mesh;
+}
+
+// An n by n sheet of unit quads with the marked quads left out.
+static pc_mesh sheet(pc_context *context, uint32_t n, const uint8_t *holes) {
+    pc_mesh mesh = allocate_mesh(context, (n + 1) * (n + 1), 2 * (size_t)n * n);
+    mesh.triangle_count = 0;
+    for (uint32_t v = 0; v < (n + 1) * (n + 1); ++v) {
+        mesh.positions[3 * v] = v % (n + 1);
+        mesh.positions[3 * v + 1] = v / (n + 1);
+    }
+    for (uint32_t q = 0; q < n * n; ++q) {
+        if (holes == NULL || !holes[q]) {
+            const uint32_t a = q / n * (n + 1) + q % n, b = a + n + 1;
+            const uint32_t quad[6] = {a, a + 1, b + 1, a, b + 1, b};
+            memcpy(&mesh.triangles[3 * mesh.triangle_count], quad, sizeof(quad));
+            mesh.triangle_count += 2;
+        }
+    }
+    return mesh;
+}
+
+static bool has_vertex(const pc_mesh *mesh, size_t t, uint32_t v) {
+    const uint32_t *corner = &mesh->triangles[3 * t];
+    return corner[0] == v || corner[1] == v || corner[2] == v;
+}
+
+static bool has_edge(const pc_mesh *mesh, size_t t, uint32_t a, uint32_t b) {
+    return a != b && has_vertex(mesh, t, a) && has_vertex(mesh, t, b);
+}
+
+// ---- tables -------------------------------------------------------------------------------------
+
+static void assert_tables(const pc_mesh *mesh, const pci_topology *t) {
+    // Edges: exactly the joined pairs, ascending, each with its triangles.
+    size_t edge = 0;
+    for (uint32_t a = 0; a < mesh->vertex_count; ++a) {
+        size_t neighbours = 0;
+        for (uint32_t b = 0; b < mesh->vertex_count; ++b) {
+            const size_t begin = edge < t->edge_count ? t->edge_triangle_offsets[edge] : 0;
+            size_t found = 0;
+            for (uint32_t f = 0; f < mesh->triangle_count; ++f) {
+                if (has_edge(mesh, f, a, b)) {
+                    if (a < b) {
+                        assert_true(edge < t->edge_count);
+                        assert_int_equal(t->edge_triangles[begin + found], f);
+                    }
+                    ++found;
+                }
+            }
+            if (found > 0) {
+                assert_int_equal(t->ring[t->ring_offsets[a] + neighbours], b);
+                ++neighbours;
+            }
+            if (found > 0 && a < b) {
+                assert_int_equal(t->edges[2 * edge], a);
+                assert_int_equal(t->edges[2 * edge + 1], b);
+                assert_int_equal(t->edge_triangle_offsets[edge + 1] - begin, found);
+                ++edge;
+            }
+        }
+        assert_int_equal(t->ring_offsets[a + 1] - t->ring_offsets[a], neighbours);
+
+        size_t around = t->vertex_triangle_offsets[a];
+        for (uint32_t f = 0; f < mesh->triangle_count; ++f) {
+            if (has_vertex(mesh, f, a)) {
+                assert_int_equal(t->vertex_triangles[around], f);
+                ++around;
+            }
+        }
+        assert_int_equal(t->vertex_triangle_offsets[a + 1], around);
+    }
+    assert_int_equal(t->edge_count, edge);
+
+    for (size_t c = 0; c < 3 * mesh->triangle_count; ++c) {
+        const uint32_t a = mesh->triangles[c], b = mesh->triangles[c / 3 * 3 + (c + 1) % 3];
+        const uint32_t e = t->triangle_edges[c];
+        if (a == b) {
+            assert_int_equal(e, PC_INVALID_INDEX);
+        } else {
+            assert_int_equal(t->edges[2 * e], a < b ? a : b);
+            assert_int_equal(t->edges[2 * e + 1], a < b ? b : a);
+        }
+    }
+}
+
+static void tables_equal_brute_force(void **state) {
     (void)state;
-    skip();
+    pc_context *context = test_context(1);
+    for (uint64_t seed = 0; seed < 60; ++seed) {
+        pci_scratch scratch = pci_scratch_begin(context);
+        pc_mesh mesh = random_triangles(context, 3 + seed % 30, seed, seed);
+        pci_topology topology;
+        assert_true(pci_topology_build(&scratch, &mesh, &topology));
+        assert_tables(&mesh, &topology);
+        pci_scratch_end(&scratch);
+        pc_mesh_free(context, &mesh);
+    }
+    pc_context_destroy(context);
+}
+
+static size_t brute_force_components(const pc_mesh *mesh, uint32_t *component) {
+    for (uint32_t f = 0; f < mesh->triangle_count; ++f) {
+        component[f] = f;
+    }
+    for (bool changed = true; changed;) {
+        changed = false;
+        for (size_t f = 0; f < mesh->triangle_count; ++f) {
+            for (size_t g = 0; g < mesh->triangle_count; ++g) {
+                const uint32_t *c = &mesh->triangles[3 * g];
+                const bool joined = has_edge(mesh, f, c[0], c[1]) ||
+                                    has_edge(mesh, f, c[1], c[2]) || has_edge(mesh, f, c[2], c[0]);
+                if (joined && component[g] < component[f]) {
+                    component[f] = component[g];
+                    changed = true;
+                }
+            }
+        }
+    }
+    size_t count = 0; // renumber in order of the first triangle
+    uint32_t *number = calloc(mesh->triangle_count + 1, sizeof(*number));
+    assert_non_null(number);
+    for (uint32_t f = 0; f < mesh->triangle_count; ++f) {
+        if (component[f] == f) {
+            number[f] = (uint32_t)count++;
+        }
+        component[f] = number[component[f]];
+    }
+    free(number);
+    return count;
+}
+
+// Fans by definition: triangles around the vertex, joined when they share an edge at the vertex.
+static size_t brute_force_nonmanifold_vertices(const pc_mesh *mesh) {
+    size_t count = 0;
+    for (uint32_t v = 0; v < mesh->vertex_count; ++v) {
+        uint32_t group[64];
+        size_t groups = 0;
+        for (uint32_t f = 0; f < mesh->triangle_count; ++f) {
+            group[f] = has_vertex(mesh, f, v) ? f : PC_INVALID_INDEX;
+        }
+        for (bool changed = true; changed;) {
+            changed = false;
+            for (size_t f = 0; f < mesh->triangle_count; ++f) {
+                for (size_t g = 0; g < mesh->triangle_count; ++g) {
+                    if (group[f] == PC_INVALID_INDEX || group[g] == PC_INVALID_INDEX) {
+                        continue;
+                    }
+                    for (uint32_t w = 0; w < mesh->vertex_count; ++w) {
+                        if (has_edge(mesh, f, v, w) && has_edge(mesh, g, v, w) &&
+                            group[g] < group[f]) {
+                            group[f] = group[g];
+                            changed = true;
+                        }
+                    }
+                }
+            }
+        }
+        for (uint32_t f = 0; f < mesh->triangle_count; ++f) {
+            groups += group[f] == f;
+        }
+        count += groups > 1;
+    }
+    return count;
+}
+
+static void counts_equal_brute_force(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    for (uint64_t seed = 0; seed < 60; ++seed) {
+        pci_scratch scratch = pci_scratch_begin(context);
+        pc_mesh mesh = random_triangles(context, 4 + seed / 2, 1 + seed % 40, seed);
+        pci_topology topology;
+        assert_true(pci_topology_build(&scratch, &mesh, &topology));
+        uint32_t found[64], expected[64];
+        const size_t components = pci_triangle_components(&scratch, &mesh, &topology, found);
+        assert_int_equal(components, brute_force_components(&mesh, expected));
+        assert_memory_equal(found, expected, mesh.triangle_count * sizeof(uint32_t));
+
+        size_t crowded = 0;
+        for (uint32_t a = 0; a < mesh.vertex_count; ++a) {
+            for (uint32_t b = 0; b < a; ++b) {
+                size_t triangles = 0;
+                for (size_t f = 0; f < mesh.triangle_count; ++f) {
+                    triangles += has_edge(&mesh, f, a, b);
+                }
+                crowded += triangles > 2;
+            }
+        }
+        assert_int_equal(pci_nonmanifold_edge_count(&topology), crowded);
+        assert_int_equal(pci_nonmanifold_vertex_count(&scratch, &mesh, &topology),
+                         brute_force_nonmanifold_vertices(&mesh));
+        pci_scratch_end(&scratch);
+        pc_mesh_free(context, &mesh);
+    }
+    pc_context_destroy(context);
+}
+
+// ---- boundary loops -----------------------------------------------------------------------------
+
+typedef struct loops {
+    size_t count, *offsets;
+    uint32_t *vertices;
+} loops;
+
+static loops find_loops(pci_scratch *scratch, const pc_mesh *mesh) {
+    pci_topology topology;
+    loops found = {0};
+    assert_true(pci_topology_build(scratch, mesh, &topology));
+    assert_true(pci_boundary_loops(scratch, mesh, &topology, &found.count, &found.offsets,
+                                   &found.vertices));
+    return found;
+}
+
+static void sheet_has_one_loop_along_its_winding(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pci_scratch scratch = pci_scratch_begin(context);
+    pc_mesh mesh = sheet(context, 3, NULL);
+    const loops found = find_loops(&scratch, &mesh);
+    assert_int_equal(found.count, 1);
+    assert_int_equal(found.offsets[0], 0);
+    assert_int_equal(found.offsets[1], 12);
+    double area = 0.0; // positive: counter-clockwise like the triangles
+    for (size_t i = 0; i < 12; ++i) {
+        const double *p = &mesh.positions[3 * found.vertices[i]];
+        const double *q = &mesh.positions[3 * found.vertices[(i + 1) % 12]];
+        area += 0.5 * (p[0] * q[1] - p[1] * q[0]);
+        assert_close(fabs(p[0] - q[0]) + fabs(p[1] - q[1]), 1.0, 0.0);
+    }
+    assert_close(area, 9.0, 0.0);
+    pci_scratch_end(&scratch);
+    pc_mesh_free(context, &mesh);
+    pc_context_destroy(context);
+}
+
+// Loops follow fans: a vertex with two fans counts as two vertices.
+static void loops_follow_fans(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pci_scratch scratch = pci_scratch_begin(context);
+    // Two holes that touch in a vertex: its fans lie between them, so pulling the fans apart opens
+    // one hole into the other.
+    const uint8_t holes[25] = {[6] = 1, [12] = 1};
+    pc_mesh mesh = sheet(context, 5, holes);
+    const loops found = find_loops(&scratch, &mesh);
+    assert_int_equal(found.count, 2);
+    assert_int_equal(found.offsets[1], 20);
+    assert_int_equal(found.offsets[2], 28);
+    pc_mesh_free(context, &mesh);
+
+    // Two triangles that share a vertex only.
+    mesh = allocate_mesh(context, 5, 2);
+    const uint32_t bow_tie[6] = {0, 1, 2, 2, 3, 4};
+    memcpy(mesh.triangles, bow_tie, sizeof(bow_tie));
+    const loops tie = find_loops(&scratch, &mesh);
+    assert_int_equal(tie.count, 2);
+    assert_int_equal(tie.offsets[1], 3);
+    assert_int_equal(tie.offsets[2], 6);
+    pci_scratch_end(&scratch);
+    pc_mesh_free(context, &mesh);
+    pc_context_destroy(context);
+}
+
+static void closed_mesh_has_no_loop(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pci_scratch scratch = pci_scratch_begin(context);
+    pc_mesh mesh = allocate_mesh(context, 4, 4);
+    const uint32_t tetrahedron[12] = {0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3};
+    memcpy(mesh.triangles, tetrahedron, sizeof(tetrahedron));
+    assert_int_equal(find_loops(&scratch, &mesh).count, 0);
+    pci_topology topology;
+    assert_true(pci_topology_build(&scratch, &mesh, &topology));
+    assert_int_equal(topology.edge_count, 6);
+    assert_int_equal(pci_nonmanifold_vertex_count(&scratch, &mesh, &topology), 0);
+    pci_scratch_end(&scratch);
+    pc_mesh_free(context, &mesh);
+    pc_context_destroy(context);
+}
+
+// Sheets with random holes: every border half-edge is in exactly one loop, and loops are chains.
+static void loops_cover_the_border_once(void **state) {
+    (void)state;
+    enum { SIDE = 9 };
+    pc_context *context = test_context(1);
+    for (uint64_t seed = 0; seed < 30; ++seed) {
+        pci_scratch scratch = pci_scratch_begin(context);
+        uint8_t holes[SIDE * SIDE];
+        for (size_t i = 0; i < SIDE * SIDE; ++i) {
+            holes[i] = pci_random(seed, i, 0) < 0.4;
+        }
+        pc_mesh mesh = sheet(context, SIDE, holes);
+        const loops found = find_loops(&scratch, &mesh);
+        size_t border = 0;
+        for (size_t c = 0; c < 3 * mesh.triangle_count; ++c) {
+            const uint32_t a = mesh.triangles[c], b = mesh.triangles[c / 3 * 3 + (c + 1) % 3];
+            size_t triangles = 0, listed = 0;
+            for (size_t f = 0; f < mesh.triangle_count; ++f) {
+                triangles += has_edge(&mesh, f, a, b);
+            }
+            for (size_t l = 0; l < found.count; ++l) {
+                const size_t begin = found.offsets[l], end = found.offsets[l + 1];
+                for (size_t i = begin; i < end; ++i) {
+                    listed +=
+                        found.vertices[i] == a && found.vertices[i + 1 < end ? i + 1 : begin] == b;
+                }
+            }
+            assert_int_equal(listed, triangles == 1);
+            border += triangles == 1;
+        }
+        assert_int_equal(found.offsets[found.count], border);
+        pci_scratch_end(&scratch);
+        pc_mesh_free(context, &mesh);
+    }
+    pc_context_destroy(context);
+}
+
+// No promise about the loops of arbitrary triangles, but they stay within bounds and end.
+static void loops_survive_any_mesh(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    for (uint64_t seed = 0; seed < 200; ++seed) {
+        pci_scratch scratch = pci_scratch_begin(context);
+        pc_mesh mesh = random_triangles(context, 3 + seed % 20, seed % 50, seed);
+        const loops found = find_loops(&scratch, &mesh);
+        assert_true(found.offsets[found.count] <= 3 * mesh.triangle_count);
+        for (size_t l = 0; l < found.count; ++l) {
+            assert_true(found.offsets[l] < found.offsets[l + 1]);
+        }
+        pci_scratch_end(&scratch);
+        pc_mesh_free(context, &mesh);
+    }
+    pc_context_destroy(context);
+}
+
+// ---- geometry -----------------------------------------------------------------------------------
+
+static void compact_keeps_order(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pci_scratch scratch = pci_scratch_begin(context);
+    pc_mesh mesh = random_triangles(context, 20, 12, 5);
+    const uint8_t keep[12] = {0, 1, 0, 0, 1, 1, 0, 0, 0, 1, 0, 0};
+    pc_mesh result = {0};
+    uint32_t *kept = NULL;
+    assert_true(pci_mesh_compact(&scratch, &mesh, keep, &result, &kept));
+    assert_int_equal(result.triangle_count, 4);
+    size_t written = 0;
+    for (size_t t = 0; t < 12; ++t) {
+        for (size_t c = 0; keep[t] && c < 3; ++c) {
+            const uint32_t v = result.triangles[written++];
+            assert_true(v < result.vertex_count);
+            assert_int_equal(kept[v], mesh.triangles[3 * t + c]);
+        }
+    }
+    for (size_t v = 0; v < result.vertex_count; ++v) {
+        assert_true(v == 0 || kept[v - 1] < kept[v]);
+        assert_memory_equal(&result.positions[3 * v], &mesh.positions[3 * (size_t)kept[v]],
+                            3 * sizeof(double));
+        bool used = false;
+        for (size_t c = 0; c < 12; ++c) {
+            used |= result.triangles[c] == v;
+        }
+        assert_true(used);
+    }
+    pc_mesh_free(context, &result);
+    assert_true(pci_mesh_compact(&scratch, &mesh, NULL, &result, NULL));
+    assert_int_equal(result.triangle_count, 12);
+    pc_mesh_free(context, &result);
+    pci_scratch_end(&scratch);
+    pc_mesh_free(context, &mesh);
+    pc_context_destroy(context);
+}
+
+static void areas_normals_and_boxes_are_right(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh mesh = allocate_mesh(context, 5, 3);
+    // A large triangle in z = 0, a small one in y = 0, and one without area; vertex 4 is unused.
+    const double positions[15] = {0, 0, 0, 3, 0, 0, 0, 4, 0, 0, 0, -1, 7, 8, 9};
+    const uint32_t triangles[9] = {0, 1, 2, 0, 1, 3, 0, 1, 1};
+    memcpy(mesh.positions, positions, sizeof(positions));
+    memcpy(mesh.triangles, triangles, sizeof(triangles));
+    assert_close(pci_triangle_area(&mesh, 0), 6.0, 0.0);
+    assert_close(pci_triangle_area(&mesh, 1), 1.5, 0.0);
+    assert_close(pci_triangle_area(&mesh, 2), 0.0, 0.0);
+    double normals[15];
+    pci_vertex_normals(&mesh, normals);
+    const double shared[3] = {0.0, 1.5 / hypot(6.0, 1.5), 6.0 / hypot(6.0, 1.5)};
+    const double expected[15] = {0, shared[1], shared[2], 0, shared[1], shared[2], 0, 0,
+                                 1, 0,         1,         0, 0,         0,         0};
+    for (size_t i = 0; i < 15; ++i) {
+        assert_close(normals[i], expected[i], 1e-15);
+    }
+    double minimum[3], maximum[3];
+    pci_bounding_box(&mesh, minimum, maximum);
+    assert_close(minimum[2], -1.0, 0.0);
+    assert_close(maximum[0], 7.0, 0.0);
+    assert_close(pci_diagonal(&mesh), sqrt(49.0 + 64.0 + 100.0), 1e-14);
+    pc_mesh_free(context, &mesh);
+    pc_context_destroy(context);
+}
+
+// ---- lack of memory -----------------------------------------------------------------------------
+
+static void *rationed_allocate(void *user, size_t size) {
+    long *left = user;
+    return *left == 0 ? NULL : (--*left, malloc(size));
+}
+
+static void plain_free(void *user, void *memory) {
+    (void)user;
+    free(memory);
+}
+
+static void lack_of_memory_is_reported(void **state) {
+    (void)state;
+    long left = -1;
+    const pc_context_options options = {.allocator = {rationed_allocate, plain_free, &left},
+                                        .threads = 1};
+    pc_context *context = NULL;
+    assert_int_equal(pc_context_create(&options, &context), PC_OK);
+    pc_mesh mesh = random_triangles(context, 10, 20, 1);
+    long ration = 0;
+    for (bool done = false; !done; ++ration) {
+        pci_scratch scratch = pci_scratch_begin(context);
+        pci_topology topology;
+        uint32_t component[20], *vertices = NULL;
+        size_t count = 0, *offsets = NULL;
+        pc_mesh copy = {0};
+        left = ration;
+        done = pci_topology_build(&scratch, &mesh, &topology) &&
+               pci_boundary_loops(&scratch, &mesh, &topology, &count, &offsets, &vertices) &&
+               pci_triangle_components(&scratch, &mesh, &topology, component) > 0 &&
+               (pci_nonmanifold_vertex_count(&scratch, &mesh, &topology), !scratch.failed) &&
+               pci_mesh_compact(&scratch, &mesh, NULL, &copy, NULL);
+        left = -1;
+        assert_true(done == (copy.positions != NULL));
+        pc_mesh_free(context, &copy);
+        pci_scratch_end(&scratch);
+    }
+    assert_true(ration > 15);
+    pc_mesh_free(context, &mesh);
+    pc_context_destroy(context);
 }
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(waits_to_be_written),
+        cmocka_unit_test(tables_equal_brute_force),
+        cmocka_unit_test(counts_equal_brute_force),
+        cmocka_unit_test(sheet_has_one_loop_along_its_winding),
+        cmocka_unit_test(loops_follow_fans),
+        cmocka_unit_test(closed_mesh_has_no_loop),
+        cmocka_unit_test(loops_cover_the_border_once),
+        cmocka_unit_test(loops_survive_any_mesh),
+        cmocka_unit_test(compact_keeps_order),
+        cmocka_unit_test(areas_normals_and_boxes_are_right),
+        cmocka_unit_test(lack_of_memory_is_reported),
     };
     return cmocka_run_group_tests_name("topology", tests, NULL, NULL);
 }

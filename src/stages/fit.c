@@ -1,0 +1,248 @@
+#include "stages/fit.h"
+
+#include "core/bvh.h"
+
+enum { grain = 512 };
+
+// Each fine vertex is a sample that holds on to the nearest coarse triangle or, if it lies on the
+// border, to the nearest coarse border edge: hems are fitted to hems, from inside and outside.
+typedef struct fitting {
+    pci_relaxation *relaxation;
+    const double *areas, *arcs;
+    uint32_t *elements;  // per sample, triangle or border half-edge
+    double *barycentric; // per sample, 3; of a border edge origin, target, 0
+    double *residuals;   // per sample, 3: from the coarse triangle to the sample
+    double *squared;     // per sample, squared length of the residual
+    double *pulls;       // per coarse vertex, 3: weighted sum of residuals
+    double *pull_weights;
+} fitting;
+
+static double triangle_distance(const fitting *f, uint32_t t, const double point[3],
+                                double bary[3]) {
+    const pci_halfedge *coarse = f->relaxation->coarse;
+    const uint32_t *corner = &coarse->corners[3 * (size_t)t];
+    return pci_triangle_squared_distance(point, &coarse->positions[3 * (size_t)corner[0]],
+                                         &coarse->positions[3 * (size_t)corner[1]],
+                                         &coarse->positions[3 * (size_t)corner[2]], bary);
+}
+
+// Tries the triangles around a coarse vertex.
+static bool try_fan(const fitting *f, uint32_t v, const double point[3], double *best,
+                    uint32_t *triangle) {
+    double bary[3];
+    bool better = false;
+    PCI_FOR_OUTGOING(f->relaxation->coarse, v, h) {
+        const double distance = triangle_distance(f, h / 3, point, bary);
+        if (distance < *best) {
+            *best = distance;
+            *triangle = h / 3;
+            better = true;
+        }
+    }
+    return better;
+}
+
+static double border_distance(const fitting *f, uint32_t h, const double point[3], double bary[3]) {
+    const pci_halfedge *coarse = f->relaxation->coarse;
+    const double *a = &coarse->positions[3 * (size_t)pci_origin(coarse, h)];
+    const double *b = &coarse->positions[3 * (size_t)pci_target(coarse, h)];
+    return pci_triangle_squared_distance(point, a, b, b, bary);
+}
+
+// Walks along the border to the nearest edge.
+static uint32_t nearest_border(const fitting *f, uint32_t h, const double point[3]) {
+    const pci_halfedge *coarse = f->relaxation->coarse;
+    double bary[3], best = border_distance(f, h, point, bary);
+    for (bool moved = true; moved;) {
+        const uint32_t sides[2] = {coarse->outgoing[pci_target(coarse, h)],
+                                   pci_border_incoming(coarse, pci_origin(coarse, h))};
+        moved = false;
+        for (size_t i = 0; i < 2; ++i) {
+            const double distance = border_distance(f, sides[i], point, bary);
+            if (distance < best) {
+                best = distance;
+                h = sides[i];
+                moved = true;
+            }
+        }
+    }
+    return h;
+}
+
+// Walks over the triangles to the nearest one.
+static uint32_t nearest_triangle(const fitting *f, uint32_t triangle, const double point[3]) {
+    double bary[3], best = triangle_distance(f, triangle, point, bary);
+    for (bool moved = true; moved;) {
+        const uint32_t *corner = &f->relaxation->coarse->corners[3 * (size_t)triangle];
+        moved = false;
+        for (size_t c = 0; c < 3; ++c) {
+            moved |= try_fan(f, corner[c], point, &best, &triangle);
+        }
+    }
+    return triangle;
+}
+
+// The three coarse vertices that carry sample s, their shares in f->barycentric.
+static void sample_vertices(const fitting *f, size_t s, uint32_t vertices[3]) {
+    const pci_halfedge *coarse = f->relaxation->coarse;
+    if (f->arcs[s] > 0.0) {
+        vertices[0] = pci_origin(coarse, f->elements[s]);
+        vertices[1] = vertices[2] = pci_target(coarse, f->elements[s]);
+    } else {
+        memcpy(vertices, &coarse->corners[3 * (size_t)f->elements[s]], sizeof(uint32_t[3]));
+    }
+}
+
+// Brings the samples up to date. They walk, so they never jump to another sheet.
+static void find_residuals(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    fitting *f = user;
+    const pci_halfedge *coarse = f->relaxation->coarse;
+    for (size_t s = begin; s < end; ++s) {
+        const double *point = &f->relaxation->fine->positions[3 * s];
+        double *bary = &f->barycentric[3 * s];
+        if (f->arcs[s] > 0.0) {
+            f->elements[s] = nearest_border(f, f->elements[s], point);
+            f->squared[s] = border_distance(f, f->elements[s], point, bary);
+        } else {
+            f->elements[s] = nearest_triangle(f, f->elements[s], point);
+            f->squared[s] = triangle_distance(f, f->elements[s], point, bary);
+        }
+        uint32_t vertices[3];
+        sample_vertices(f, s, vertices);
+        for (size_t k = 0; k < 3; ++k) {
+            f->residuals[3 * s + k] = point[k];
+            for (size_t c = 0; c < 3; ++c) {
+                f->residuals[3 * s + k] -= bary[c] * coarse->positions[3 * (size_t)vertices[c] + k];
+            }
+        }
+    }
+}
+
+// Each vertex is pulled by the residuals of the samples around it, weighted by their squares: a
+// step towards the least sum of fourth powers, which minds the largest deviations.
+static void sum_pulls(fitting *f) {
+    const pci_halfedge *coarse = f->relaxation->coarse;
+    memset(f->pulls, 0, 3 * coarse->vertex_count * sizeof(*f->pulls));
+    memset(f->pull_weights, 0, coarse->vertex_count * sizeof(*f->pull_weights));
+    for (size_t s = 0; s < f->relaxation->fine->vertex_count; ++s) {
+        uint32_t vertices[3];
+        sample_vertices(f, s, vertices);
+        const bool on_border = f->arcs[s] > 0.0;
+        for (size_t c = 0; c < 3; ++c) {
+            const size_t v = vertices[c];
+            if (!on_border && pci_is_border_vertex(coarse, (uint32_t)v)) {
+                continue; // a hem follows the hem only
+            }
+            const double w =
+                (on_border ? f->arcs[s] : f->areas[s]) * f->squared[s] * f->barycentric[3 * s + c];
+            f->pull_weights[v] += w;
+            for (size_t k = 0; k < 3; ++k) {
+                f->pulls[3 * v + k] += w * f->residuals[3 * s + k];
+            }
+        }
+    }
+}
+
+// Unit normal of the fan around a vertex.
+static void fan_normal(const pci_halfedge *coarse, uint32_t v, double normal[3]) {
+    memset(normal, 0, 3 * sizeof(*normal));
+    PCI_FOR_OUTGOING(coarse, v, h) {
+        const double *a = &coarse->positions[3 * (size_t)v];
+        double ab[3], ac[3], n[3];
+        pci_sub(&coarse->positions[3 * (size_t)pci_target(coarse, h)], a, ab);
+        pci_sub(&coarse->positions[3 * (size_t)coarse->corners[pci_previous(h)]], a, ac);
+        pci_cross(ab, ac, n);
+        for (size_t k = 0; k < 3; ++k) {
+            normal[k] += n[k];
+        }
+    }
+    pci_normalize(normal);
+}
+
+// The way towards even triangles, along the surface or along the border only.
+static void sliding_step(const pci_relaxation *r, uint32_t v, double step[3]) {
+    const pci_halfedge *coarse = r->coarse;
+    const double *at = &coarse->positions[3 * (size_t)v];
+    double target[3], axis[3];
+    memset(step, 0, 3 * sizeof(*step));
+    if (!pci_relax_target(r, v, target)) {
+        return;
+    }
+    pci_sub(target, at, step);
+    const bool border = pci_is_border_vertex(coarse, v);
+    if (border) {
+        const uint32_t next = pci_target(coarse, coarse->outgoing[v]);
+        const uint32_t previous = pci_origin(coarse, pci_border_incoming(coarse, v));
+        pci_sub(&coarse->positions[3 * (size_t)next], &coarse->positions[3 * (size_t)previous],
+                axis);
+        pci_normalize(axis);
+    } else {
+        fan_normal(coarse, v, axis);
+    }
+    const double share = pci_dot(step, axis);
+    for (size_t k = 0; k < 3; ++k) {
+        step[k] = border ? share * axis[k] : step[k] - share * axis[k];
+    }
+}
+
+// Moves a vertex unless that spoils its triangles.
+static void move_vertex(const fitting *f, uint32_t v, double spacing) {
+    static const double good = 0.7, slide_share = 0.3;
+    const pci_relaxation *r = f->relaxation;
+    double *at = &r->coarse->positions[3 * (size_t)v];
+    const double start[3] = {at[0], at[1], at[2]};
+    double step[3];
+    sliding_step(r, v, step);
+    for (size_t k = 0; k < 3; ++k) {
+        step[k] *= slide_share;
+        if (f->pull_weights[v] > 0.0) {
+            step[k] += f->pulls[3 * (size_t)v + k] / f->pull_weights[v];
+        }
+    }
+    const double length = pci_norm(step), limit = 0.25 * spacing;
+    double share = length > limit ? limit / length : 1.0;
+    const double before = pci_relax_quality(r, v);
+    for (size_t attempt = 0; attempt < 3; ++attempt, share *= 0.5) {
+        for (size_t k = 0; k < 3; ++k) {
+            at[k] = start[k] + share * step[k];
+        }
+        const double after = pci_relax_quality(r, v);
+        if (after >= before || after >= good) {
+            return;
+        }
+    }
+    memcpy(at, start, sizeof(start));
+}
+
+bool pci_fit(pci_scratch *scratch, pci_relaxation *relaxation, const uint32_t *nearby,
+             const double *areas, const double *arcs, double spacing, size_t passes) {
+    const size_t samples = relaxation->fine->vertex_count;
+    const pci_halfedge *coarse = relaxation->coarse;
+    fitting f = {.relaxation = relaxation, .areas = areas, .arcs = arcs};
+    f.elements = PCI_SCRATCH(scratch, uint32_t, samples);
+    f.barycentric = PCI_SCRATCH(scratch, double, 3 * samples);
+    f.residuals = PCI_SCRATCH(scratch, double, 3 * samples);
+    f.squared = PCI_SCRATCH(scratch, double, samples);
+    f.pulls = PCI_SCRATCH(scratch, double, 3 * coarse->vertex_count);
+    f.pull_weights = PCI_SCRATCH(scratch, double, coarse->vertex_count);
+    if (scratch->failed) {
+        return false;
+    }
+    for (size_t pass = 0; pass < passes; ++pass) {
+        // Flips renumber triangles and half-edges: start again from the vertices.
+        for (size_t s = 0; s < samples; ++s) {
+            const uint32_t h = coarse->outgoing[nearby[s]];
+            f.elements[s] = arcs[s] > 0.0 ? h : h / 3;
+        }
+        pci_parallel_for(scratch->context, samples, grain, find_residuals, &f);
+        sum_pulls(&f);
+        for (uint32_t v = 0; v < coarse->vertex_count; ++v) {
+            if (!relaxation->pinned[v]) {
+                move_vertex(&f, v, spacing);
+            }
+        }
+        pci_relax_flip(relaxation);
+    }
+    return true;
+}

@@ -1,0 +1,176 @@
+#!/bin/sh
+# Wrong usage and bad input: exit code, one line on stderr, no file left behind.
+# usage: errors.sh PROXYCLOTH FIXTURES
+# Passes as root too: folders that cannot be written are made by a file in their way.
+set -u
+program=$1
+fixtures=$2
+work=$(mktemp -d) || exit 1
+trap 'rm -rf "$work"' EXIT
+cd "$work" || exit 1
+failures=0
+
+fail() {
+    echo "FAILED: $1"
+    sed 's/^/    /' stderr
+    failures=$((failures + 1))
+}
+
+# expect CODE PATTERN ARGUMENTS...: the program must exit with CODE, print one line that matches the
+# extended regular expression, print nothing on stdout, and leave the folder as it was.
+expect() {
+    code=$1
+    pattern=$2
+    shift 2
+    ls -AR . >before
+    "$program" "$@" >stdout 2>stderr </dev/null
+    actual=$?
+    ls -AR . >after
+    [ "$actual" -eq "$code" ] || fail "exit code $actual, expected $code: $*"
+    [ "$(wc -l <stderr)" -eq 1 ] || fail "not one line on stderr: $*"
+    grep -Eq "^proxycloth.*: error: .*$pattern" stderr || fail "no match for \"$pattern\": $*"
+    [ ! -s stdout ] || fail "output on stdout: $*"
+    cmp -s before after || fail "files changed: $*"
+}
+
+touch before after stdout stderr
+cat >cloth.obj <<'END'
+g sheet
+v 0 0 0
+v 1 0 0
+v 1 1 0
+v 0 1 0
+f 1 2 3 4
+END
+
+# Usage.
+expect 2 "command is missing"
+expect 2 'no command "bild"; did you mean build' bild
+expect 2 'no command "xyzzy"; see' xyzzy
+expect 2 "an input is missing" build
+expect 2 "-o OUTDIR is missing" build cloth.obj
+expect 2 "-o ASSET is missing" voxelize cloth.obj
+expect 2 "one argument too many" info cloth.obj cloth.obj
+expect 2 "no option --voxel; did you mean --voxels" build cloth.obj -o out --voxel 3
+expect 2 "no option --voxels" label cloth.h5 --voxels 3
+expect 2 "no option -x" build cloth.obj -x
+expect 2 "--voxels: a value is missing" build cloth.obj -o out --voxels
+expect 2 "voxels = 1 is out of range, it must be between 4 and 1024" \
+    build cloth.obj -o out --voxels 1
+expect 2 'voxels = "many" is not a whole number' build cloth.obj -o out --voxels many
+expect 2 'voxels = "32x" is not' build cloth.obj -o out --voxels=32x
+expect 2 "lambda_smooth = -1 is out of range" build cloth.obj -o out --lambda-smooth -1
+expect 2 "lambda_smooth = \"nan\"" build cloth.obj -o out --lambda-smooth nan
+expect 2 "--no-voxels: the option is not a switch" build cloth.obj -o out --no-voxels
+expect 2 "threads = 257 is out of range" build cloth.obj -o out --threads 257
+expect 2 "import_memory = 1 is out of range.*MiB" build cloth.obj -o out --import-memory 1
+expect 2 'name "a/b"' build cloth.obj -o out --name a/b
+expect 2 'mesh "cape" matches no part; names are: sheet' build cloth.obj -o out --mesh cape
+expect 2 'no command "bild"' help bild
+
+# Files that are missing, of another kind, or damaged.
+: >empty.obj
+mkdir folder.obj
+mkfifo pipe.obj
+printf 'hello\n' >hello.xyz
+printf 'hello\n' >hello.glb
+printf '\000\001\002\003' >binary.obj
+printf '\211HDF\r\n\032\n garbage' >garbage.h5
+printf 'glTF\002\000\000\000\377\000\000\000\377\000\000\000JSON{}' >truncated.glb
+printf 'glTF\001\000\000\000\024\000\000\000\000\000\000\000\000\000\000\000' >old.glb
+printf 'ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\n' >truncated.ply
+expect 3 "missing.obj: No such file" build missing.obj -o out
+expect 3 "empty.obj: the file is empty" build empty.obj -o out
+expect 3 "folder.obj: not a regular file" build folder.obj -o out
+expect 3 "pipe.obj: not a regular file" build pipe.obj -o out
+expect 3 "hello.xyz: unknown format" build hello.xyz -o out
+expect 3 "hello.glb: this is no GLB file" build hello.glb -o out
+expect 3 "binary.obj: this is no OBJ file" build binary.obj -o out
+expect 3 "truncated.glb: the file is truncated" build truncated.glb -o out
+expect 3 "old.glb: only version 2" build old.glb -o out
+expect 3 "truncated.ply: the file is truncated" build truncated.ply -o out
+cp truncated.ply ply.obj
+expect 3 "ply.obj: the file holds PLY data" build ply.obj -o out
+expect 3 "garbage.h5" label garbage.h5
+expect 3 "garbage.h5: this is an asset file" build garbage.h5 -o out
+expect 3 "cloth.obj: this is no asset file" label cloth.obj
+expect 3 "cloth.obj: this is no asset file" export cloth.obj -o out
+expect 3 "missing.h5: No such file" info missing.h5
+expect 3 "missing.obj: No such file" evaluate cloth.obj missing.obj
+expect 3 "rename them" build "$fixtures/duplicate.gltf" -o out
+expect 3 "KHR_mesh_quantization is not supported" build "$fixtures/extension.gltf" -o out
+
+# Meshes that make no sense.
+printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\n' >points.obj
+printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2 3\n' >lines.obj
+printf 'v 0 0 0\nv 1 0 nan\nv 0 1 0\nf 1 2 3\n' >nan.obj
+printf 'v 0 0 0\nv 1 inf 0\nv 0 1 0\nf 1 2 3\n' >inf.obj
+printf 'v 0 0 0\nv 1 1e32 0\nv 0 1 0\nf 1 2 3\n' >huge.obj
+printf 'v 1 2 3\nv 1 2 3\nv 1 2 3\nf 1 2 3\n' >equal.obj
+printf 'v 0 0 0\nv 1 1 1\nv 2 2 2\nf 1 2 3\n' >line.obj
+printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 2\nf 3 4 4\n' >flat.obj
+for command in "build" "voxelize"; do
+    output=out
+    [ $command = build ] || output=out.h5
+    expect 3 "points.obj: " $command points.obj -o $output
+    expect 3 "lines.obj: .*no triangle" $command lines.obj -o $output
+    expect 3 "nan.obj: .*vertex [0-9] has z = -?nan" $command nan.obj -o $output
+    expect 3 "inf.obj: .*vertex [0-9] has y = inf" $command inf.obj -o $output
+    expect 3 "huge.obj: .*vertex [0-9] has y = 1e\+32" $command huge.obj -o $output
+    expect 3 "equal.obj: .*all positions are equal" $command equal.obj -o $output
+    expect 3 "line.obj: .*lie on one line" $command line.obj -o $output
+    expect 3 "flat.obj: .*no triangle has an area" $command flat.obj -o $output
+done
+expect 3 "nan.obj" evaluate cloth.obj nan.obj
+
+# Outputs that cannot be written.
+printf 'a file' >file
+expect 4 "file: the output folder cannot be written" build cloth.obj -o file
+expect 4 "file/out: the output folder cannot be written" build cloth.obj -o file/out
+expect 4 "file/out.h5" voxelize cloth.obj -o file/out.h5
+expect 4 "missing/out.h5" voxelize cloth.obj -o missing/out.h5
+
+# Damaged assets, and stages without the ones before.
+"$program" voxelize cloth.obj -o cloth.h5 --voxels 8 2>stderr || fail "voxelize"
+expect 3 "cloth.h5: stage isosurface has not run yet" label cloth.h5
+expect 3 "cloth.h5: stage isosurface has not run yet" export cloth.h5 -o out
+expect 3 "cloth.h5: the asset has no proxy yet" evaluate cloth.h5 cloth.h5
+head -c 1000 cloth.h5 >short.h5
+expect 3 "short.h5.*cut off" info short.h5
+(cat cloth.h5; printf x) >long.h5
+expect 3 "long.h5" isosurface long.h5
+
+# Limits of the import child: time, and memory (or the crash that follows).
+awk 'BEGIN {
+    n = 500
+    for (i = 0; i < n * n; ++i) printf "v %d %d %d\n", i % n, i / n, (i * 7) % 5
+    for (i = 0; i + n + 1 < n * n; ++i) printf "f %d %d %d\n", i + 1, i + 2, i + n + 1
+}' >large.obj
+expect 6 "large.obj: reading took longer than 0.01 s.*--import-seconds" \
+    build large.obj -o out --import-seconds 0.01
+expect 6 "large.obj: (reading needs more than 16 MiB|the importer crashed)" \
+    build large.obj -o out --import-memory 16
+
+# Help and version are answers, not errors.
+answer() {
+    pattern=$1
+    shift
+    "$program" "$@" >stdout 2>stderr || fail "exit code: $*"
+    [ ! -s stderr ] || fail "output on stderr: $*"
+    grep -Eq -e "$pattern" stdout || fail "no match for \"$pattern\": $*"
+}
+answer "^proxycloth [0-9]+\.[0-9]+\.[0-9]+$" version
+answer "^proxycloth [0-9]+\.[0-9]+\.[0-9]+$" --version
+answer "simplify +single-layer" help
+answer "130  interrupted" --help
+answer "--voxels NUMBER .*default 32; 4..1024" help build
+answer "--carve, --no-carve" build --help
+answer "usage: proxycloth label" label -h
+answer '"sheet".* 4 vertices, 2 triangles' info cloth.obj
+answer '"triangles":.2' info cloth.obj --json
+answer "^hausdorff +0" evaluate cloth.obj cloth.obj
+answer '"hausdorff":.0' evaluate cloth.obj cloth.obj --json
+answer "^name +cloth" info cloth.h5
+answer '"visual_triangles":.2' info --json cloth.h5
+
+[ "$failures" -eq 0 ] || exit 1

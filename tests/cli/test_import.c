@@ -1,0 +1,277 @@
+// Importing scene files: transforms, skins, units, attributes; and the check of the child's buffer.
+#define _POSIX_C_SOURCE 200809L
+#include "../../cli/scene.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "support/test.h"
+
+static const cli_command command = {.name = "test"};
+
+static int import(const char *path, scene_data *scene) {
+    cli_arguments arguments = {0};
+    arguments.settings.import_memory = 4096;
+    arguments.settings.import_seconds = 60;
+    return scene_import(&command, &arguments, path, scene);
+}
+
+static scene_data fixture(const char *name) {
+    char path[1024];
+    scene_data scene;
+    snprintf(path, sizeof(path), "%s/%s", CLI_FIXTURE_DIR, name);
+    assert_int_equal(import(path, &scene), CLI_OK);
+    return scene;
+}
+
+// Writes text to a file of the given extension and imports it.
+static int import_text(const char *extension, const char *text, scene_data *scene) {
+    char path[256];
+    snprintf(path, sizeof(path), "/tmp/proxycloth-test-%ld.%s", (long)getpid(), extension);
+    FILE *file = fopen(path, "wb");
+    assert_non_null(file);
+    fputs(text, file);
+    fclose(file);
+    const int code = import(path, scene);
+    remove(path);
+    return code;
+}
+
+static const double *corner(const scene_data *scene, size_t triangle, size_t k) {
+    return &scene->positions[3 * scene->triangles[3 * triangle + k]];
+}
+
+static void assert_point(const double *point, double x, double y, double z) {
+    assert_close(point[0], x, 1e-6);
+    assert_close(point[1], y, 1e-6);
+    assert_close(point[2], z, 1e-6);
+}
+
+static void instances_follow_their_nodes(void **state) {
+    (void)state;
+    scene_data scene = fixture("instances.gltf");
+    assert_int_equal(scene.header.part_count, 2);
+    assert_string_equal(scene.parts[0].node, "mirrored");
+    assert_string_equal(scene.parts[1].node, "stretched");
+    assert_string_equal(scene.parts[1].mesh, "cloth");
+    // The mirrored triangle is turned, so that its front stays in front.
+    assert_point(corner(&scene, 0, 0), 10, 0, 0);
+    assert_point(corner(&scene, 0, 1), 10, 2, 0);
+    assert_point(corner(&scene, 0, 2), 9, 0, 0);
+    assert_point(corner(&scene, 1, 1), 1, 0, 0);
+    assert_point(corner(&scene, 1, 2), 0, 8, 0);
+    // Normals (0, 0.6, 0.8): kept by the mirror, (0, 0.15, 0.8) scaled to 1 by the stretch.
+    const float *mirrored = scene.normals, *stretched = &scene.normals[9];
+    assert_close((double)mirrored[0], 0.0, 1e-6);
+    assert_close((double)mirrored[1], 0.6, 1e-6);
+    assert_close((double)mirrored[2], 0.8, 1e-6);
+    const double length = sqrt(0.15 * 0.15 + 0.8 * 0.8);
+    assert_close((double)stretched[1], 0.15 / length, 1e-6);
+    assert_close((double)stretched[2], 0.8 / length, 1e-6);
+    // The origin of texture coordinates stays top left.
+    const float texcoords[] = {0, 0, 1, 0, 0, 1};
+    assert_memory_equal(&scene.texcoords[6], texcoords, sizeof(texcoords));
+    const pc_material *material = &scene.materials[scene.parts[0].material];
+    assert_string_equal(material->name, "red");
+    assert_true(material->double_sided && material->base_color[0] == 1.0F &&
+                material->base_color[1] == 0.0F && material->base_color[3] == 0.5F);
+    assert_true(material->metallic == 0.25F && material->roughness == 0.5F);
+    scene_free(&scene);
+}
+
+static void skins_take_the_rest_pose(void **state) {
+    (void)state;
+    scene_data scene = fixture("skin.gltf");
+    assert_int_equal(scene.parts[0].bone_count, 2);
+    // Half of 2 (3 v + (0, 1, 0)), half of 2 (v + (0, 0, 4)); the mesh's own node does not count.
+    assert_point(corner(&scene, 0, 0), 0, 1, 4);
+    assert_point(corner(&scene, 0, 1), 4, 1, 4);
+    assert_point(corner(&scene, 0, 2), 0, 9, 4);
+    scene_free(&scene);
+}
+
+static void units_and_axes_become_metres_and_y_up(void **state) {
+    (void)state;
+    // (1, 0, 0), (0, 2, 0), (0, 0, 3) moved by (10, 0, 0), with z up: (x, y, z) -> (x, z, -y).
+    scene_data scene = fixture("z_up_metres.fbx");
+    assert_point(corner(&scene, 0, 0), 11, 0, 0);
+    assert_point(corner(&scene, 0, 1), 10, 0, -2);
+    assert_point(corner(&scene, 0, 2), 10, 3, 0);
+    scene_free(&scene);
+    scene = fixture("z_up_centimetres.dae");
+    assert_point(corner(&scene, 0, 0), 0.11, 0, 0);
+    assert_point(corner(&scene, 0, 1), 0.10, 0, -0.02);
+    assert_point(corner(&scene, 0, 2), 0.10, 0.03, 0);
+    scene_free(&scene);
+}
+
+static void refuses_what_would_be_garbage(void **state) {
+    (void)state;
+    scene_data scene;
+    assert_int_equal(import(CLI_FIXTURE_DIR "/duplicate.gltf", &scene), CLI_INPUT);
+    assert_int_equal(import(CLI_FIXTURE_DIR "/extension.gltf", &scene), CLI_INPUT);
+    assert_null(scene.buffer);
+}
+
+static void polygons_become_triangles_and_lines_vanish(void **state) {
+    (void)state;
+    scene_data scene;
+    assert_int_equal(import_text("obj",
+                                 "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 5 5 5\nvt 0 0.25\n"
+                                 "f 1/1 2/1 3/1 4/1\nl 1 5\np 5\n",
+                                 &scene),
+                     CLI_OK);
+    assert_int_equal(scene.header.triangle_count, 2);
+    assert_close((double)scene.texcoords[1], 0.75, 1e-6);
+    double area = 0.0;
+    for (size_t t = 0; t < 2; ++t) {
+        const double *a = corner(&scene, t, 0), *b = corner(&scene, t, 1),
+                     *c = corner(&scene, t, 2);
+        area += 0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]));
+    }
+    assert_close(area, 1.0, 1e-6);
+    scene_free(&scene);
+}
+
+// A vertex that faces share is one corner again, a vertex with two texture coordinates is two.
+static void joins_equal_corners_only(void **state) {
+    (void)state;
+    scene_data scene;
+    const char *shared = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\n"
+                         "f 1/1 2/1 3/1\nf 1/1 3/1 4/1\n";
+    const char *split = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\n"
+                        "f 1/1 2/1 3/1\nf 1/2 3/1 4/1\n";
+    assert_int_equal(import_text("obj", shared, &scene), CLI_OK);
+    assert_int_equal(scene.header.vertex_count, 4);
+    scene_free(&scene);
+    assert_int_equal(import_text("obj", split, &scene), CLI_OK);
+    assert_int_equal(scene.header.vertex_count, 5);
+    scene_free(&scene);
+}
+
+static void reads_ply_colors_and_stl(void **state) {
+    (void)state;
+    scene_data scene;
+    const char *ply =
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+        "property float z\nproperty uchar red\nproperty uchar green\n"
+        "property uchar blue\nelement face 1\nproperty list uchar int "
+        "vertex_indices\nend_header\n0 0 0 255 0 0\n1 0 0 255 0 0\n0 1 0 0 0 255\n"
+        "3 0 1 2\n";
+    assert_int_equal(import_text("ply", ply, &scene), CLI_OK);
+    assert_int_equal(scene.header.triangle_count, 1);
+    assert_true(scene.parts[0].has_colors == 1 && scene.colors[0] == 1.0F &&
+                scene.colors[1] == 0.0F && scene.colors[10] == 1.0F);
+    scene_free(&scene);
+    const char *stl = "solid s\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n"
+                      "vertex 0 1 0\nendloop\nendfacet\nendsolid s\n";
+    assert_int_equal(import_text("stl", stl, &scene), CLI_OK);
+    assert_int_equal(scene.header.triangle_count, 1);
+    assert_string_equal(scene.header.format, "STL");
+    scene_free(&scene);
+}
+
+static void values_out_of_range_arrive(void **state) {
+    (void)state;
+    scene_data scene;
+    assert_int_equal(import_text("obj", "v 0 0 nan\nv 1 0 0\nv 0 inf 0\nf 1 2 3\n", &scene),
+                     CLI_OK);
+    assert_true(isnan(scene.positions[2]));
+    assert_true(isinf(scene.positions[7]));
+    scene_free(&scene);
+}
+
+static void chooses_parts_by_name(void **state) {
+    (void)state;
+    scene_data scene = fixture("instances.gltf");
+    uint8_t chosen[2];
+    const char *patterns[] = {"mir*", "nothing"};
+    assert_int_equal(scene_select(&scene, patterns, 0, chosen), 2);
+    assert_int_equal(scene_select(&scene, patterns, 2, chosen), 1);
+    assert_int_equal(chosen[0], 1);
+    assert_int_equal(scene_select(&scene, patterns + 1, 1, chosen), 0);
+    patterns[0] = "cl?th";
+    assert_int_equal(scene_select(&scene, patterns, 1, chosen), 2);
+    patterns[0] = "red";
+    assert_int_equal(scene_select(&scene, patterns, 1, chosen), 2);
+    char names[64];
+    scene_names(&scene, names, sizeof(names));
+    assert_string_equal(names, "mirrored, cloth, stretched, red");
+
+    pc_context *context = test_context(1);
+    pc_visual visual = {0};
+    const uint8_t second[2] = {0, 1};
+    assert_ok(context, scene_visual(&scene, second, context, &visual, NULL));
+    assert_int_equal(visual.surface.triangle_count, 1);
+    assert_int_equal(visual.material_count, 1);
+    assert_string_equal(visual.materials[0].name, "red");
+    assert_close(visual.surface.positions[7], 8.0, 1e-6);
+    pc_visual_free(context, &visual);
+    pc_context_destroy(context);
+    scene_free(&scene);
+}
+
+// Damaged buffers are refused or hold indices in range; sanitizers watch over the rest.
+static void trusts_no_buffer(void **state) {
+    (void)state;
+    scene_data good = fixture("instances.gltf");
+    const size_t size = good.header.size;
+    size_t refused = 0;
+    enum { rounds = 20000 };
+    for (uint64_t round = 0; round < rounds; ++round) {
+        unsigned char *bytes = malloc(size);
+        assert_non_null(bytes);
+        memcpy(bytes, good.buffer, size);
+        for (uint64_t k = 0; k < 1 + round % 4; ++k) {
+            // Mostly the header and the parts, where the counts are.
+            const double span =
+                round % 3 != 0 ? sizeof(scene_header) + sizeof(scene_part) * 2.0 : (double)size;
+            const size_t at = (size_t)(pci_random(round, 2 * k, 0) * span);
+            bytes[at] = (unsigned char)pci_random_bits(round, 2 * k + 1, 0);
+        }
+        const size_t length =
+            round % 7 == 0 ? (size_t)(pci_random(round, 9, 0) * (double)size) : size;
+        scene_data scene;
+        if (scene_open(bytes, length, &scene) != NULL) {
+            ++refused;
+        } else {
+            for (size_t i = 0; i < 3 * scene.header.triangle_count; ++i) {
+                assert_true(scene.triangles[i] < scene.header.vertex_count);
+            }
+            for (size_t i = 0; i < scene.header.part_count; ++i) {
+                assert_true(scene.parts[i].material < scene.header.material_count);
+            }
+        }
+        scene_free(&scene);
+    }
+    assert_true(refused > rounds / 10 && refused < rounds);
+    scene_free(&good);
+}
+
+static void cleans_text(void **state) {
+    (void)state;
+    char text[16];
+    cli_clean_text(text, sizeof(text), "a\n\033b\xc3\xa9\xff\xc0\x80");
+    assert_string_equal(text, "a??b\xc3\xa9???");
+    cli_clean_text(text, 4, "ab\xe2\x82\xac");
+    assert_string_equal(text, "ab");
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(instances_follow_their_nodes),
+        cmocka_unit_test(skins_take_the_rest_pose),
+        cmocka_unit_test(units_and_axes_become_metres_and_y_up),
+        cmocka_unit_test(refuses_what_would_be_garbage),
+        cmocka_unit_test(polygons_become_triangles_and_lines_vanish),
+        cmocka_unit_test(joins_equal_corners_only),
+        cmocka_unit_test(reads_ply_colors_and_stl),
+        cmocka_unit_test(values_out_of_range_arrive),
+        cmocka_unit_test(chooses_parts_by_name),
+        cmocka_unit_test(trusts_no_buffer),
+        cmocka_unit_test(cleans_text),
+    };
+    return cmocka_run_group_tests_name("import", tests, NULL, NULL);
+}

@@ -1,0 +1,38 @@
+// An allocator that counts what is alive and can fail once.
+#ifndef TEST_SUPPORT_MEMORY_H
+#define TEST_SUPPORT_MEMORY_H
+
+#include <stdlib.h>
+
+#include "support/test.h"
+
+typedef struct counting_allocator {
+    size_t calls, live;
+    size_t fail_at; // number of the call that returns NULL, counted from 1; 0: none
+} counting_allocator;
+
+static inline void *counting_allocate(void *user, size_t size) {
+    counting_allocator *counter = user;
+    if (++counter->calls == counter->fail_at) {
+        return NULL;
+    }
+    void *memory = malloc(size);
+    counter->live += memory != NULL;
+    return memory;
+}
+
+static inline void counting_release(void *user, void *memory) {
+    ((counting_allocator *)user)->live -= 1;
+    free(memory);
+}
+
+// A context of one thread on top of it.
+static inline pc_context *counting_context(counting_allocator *counter) {
+    const pc_context_options options = {.allocator = {counting_allocate, counting_release, counter},
+                                        .threads = 1};
+    pc_context *context = NULL;
+    assert_int_equal(pc_context_create(&options, &context), PC_OK);
+    return context;
+}
+
+#endif

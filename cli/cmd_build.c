@@ -64,6 +64,7 @@ int cli_export_files(const cli_command *command, const cli_arguments *arguments,
             return cli_fail_status(command->name, context, status, NULL, true);
         }
     }
+    cli_warn_report(command->name, "evaluate", &pc_measures_record, &measures);
     return CLI_OK;
 }
 

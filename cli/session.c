@@ -143,7 +143,7 @@ void cli_warn_report(const char *command, const char *stage, const pc_record *re
         if (field->type == PC_FIELD_BOOL || field->type == PC_FIELD_CHOICE) {
             cli_warn(command, "%s: %s", stage, field->warning);
         } else {
-            cli_warn(command, "%s: %s: %.10g", stage, field->warning, value);
+            cli_warn(command, "%s: %s (%.10g)", stage, field->warning, value);
         }
     }
 }
@@ -158,7 +158,10 @@ void cli_catch_signals(void) {
     sigemptyset(&action.sa_mask);
     sigaction(SIGINT, &action, NULL);
     sigaction(SIGTERM, &action, NULL);
-    sigaction(SIGHUP, &action, NULL);
+    struct sigaction hangup;
+    if (sigaction(SIGHUP, NULL, &hangup) == 0 && hangup.sa_handler != SIG_IGN) { // nohup
+        sigaction(SIGHUP, &action, NULL);
+    }
 }
 
 bool cli_interrupted(void) { return interrupted != 0; }

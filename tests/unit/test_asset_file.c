@@ -422,13 +422,13 @@ static void missing_options_have_their_default(void **state) {
     pc_context_destroy(context);
 }
 
-// Loads damaged bytes: an error with an empty asset, or an asset that can be saved again.
+// Loads damaged bytes: an error with an empty asset (false), or a whole asset.
 static bool load_damaged(pc_context *context, const void *data, size_t size) {
     write_bytes(path, data, size);
     pc_asset asset = {0};
     const pc_status status = pc_asset_load(context, path, &asset);
     if (status == PC_OK) {
-        assert_ok(context, pc_asset_save(context, &asset, other_path));
+        assert_non_null(asset.skin.weights);
         pc_asset_free(context, &asset);
         return true;
     }

@@ -234,10 +234,10 @@ static void cycle_bound_holds(void **state) {
         pci_scratch scratch = pci_scratch_begin(context);
         uint8_t best[MAX_SIGNED];
         memset(best, 1, sizeof(best));
-        uint64_t work = 100000;
+        pci_budget budget = {.total = 100000, .left = 100000};
         pci_cycle_bound cycles;
         pci_roof roof;
-        assert_true(pci_find_cycle_bound(&scratch, &graph, &work, best, &cycles));
+        assert_ok(context, pci_find_cycle_bound(&scratch, "label", &graph, &budget, best, &cycles));
         assert_true(pci_roof_duality(&scratch, &graph, &roof));
         const int64_t optimum = signed_optimum(&graph);
         assert_int_equal(best[PCI_GROUND], 1);

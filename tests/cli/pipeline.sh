@@ -1,0 +1,136 @@
+#!/bin/sh
+# Whole runs: build, the stages one by one, export, choice of parts, failure and interruption.
+# usage: pipeline.sh PROXYCLOTH
+set -u
+program=$1
+work=$(mktemp -d) || exit 1
+trap 'rm -rf "$work"' EXIT
+cd "$work" || exit 1
+failures=0
+
+fail() {
+    echo "FAILED: $1"
+    sed 's/^/    /' stderr
+    failures=$((failures + 1))
+}
+
+# run CODE ARGUMENTS...
+run() {
+    code=$1
+    shift
+    "$program" "$@" >stdout 2>stderr </dev/null
+    actual=$?
+    [ "$actual" -eq "$code" ] || fail "exit code $actual, expected $code: $*"
+}
+
+same() {
+    cmp "$1" "$2" >stderr 2>&1 || fail "$1 and $2 differ"
+}
+
+holds() { # holds FOLDER "NAMES": exactly these files, hidden ones included
+    ls -A "$1" 2>stderr | sort >actual
+    printf '%s\n' $2 | sort >expected
+    cmp -s actual expected || fail "$1 holds $(tr '\n' ' ' <actual)"
+}
+
+# A skirt: an open cone of 24 by 8 quads; beside it a scarf, a bent sheet.
+awk 'BEGIN {
+    pi = atan2(0, -1); n = 24; m = 8
+    print "o skirt"
+    for (j = 0; j <= m; ++j) for (i = 0; i < n; ++i) {
+        a = 2 * pi * i / n; r = 0.2 + 0.25 * j / m
+        printf "v %.9f %.9f %.9f\n", r * cos(a), 1 - 0.8 * j / m, r * sin(a)
+    }
+    for (j = 0; j < m; ++j) for (i = 0; i < n; ++i) {
+        a = j * n + i + 1; b = j * n + (i + 1) % n + 1
+        printf "f %d %d %d %d\n", a, b, b + n, a + n
+    }
+    print "o scarf"; first = n * (m + 1)
+    for (j = 0; j <= 4; ++j) for (i = 0; i <= 12; ++i)
+        printf "v %.9f %.9f %.9f\n", 0.05 * i - 0.3, 1.2 + 0.05 * j, 0.3 * cos(pi * (i - 6) / 24)
+    for (j = 0; j < 4; ++j) for (i = 0; i < 12; ++i) {
+        a = first + j * 13 + i + 1
+        printf "f %d %d %d %d\n", a, a + 1, a + 14, a + 13
+    }
+}' >outfit.obj
+touch stderr
+
+# build writes five files and nothing else, the same on any number of threads.
+quick="--voxels 16 --vertices 60 --frames 8 --epochs 5"
+run 0 build outfit.obj -o a/b/out $quick --threads 1
+holds a/b/out "outfit.glb outfit.h5 outfit.json outfit.png outfit.proxy.obj"
+run 0 build outfit.obj -o again/ $quick --threads 3 --quiet
+[ ! -s stderr ] || fail "--quiet prints"
+for extension in glb h5 proxy.obj png; do
+    same a/b/out/outfit.$extension again/outfit.$extension
+done
+
+# The stages one by one, in place, give the same bytes.
+run 0 voxelize outfit.obj -o stages.h5 --name outfit --voxels 16
+run 0 isosurface stages.h5
+run 0 project stages.h5
+run 0 graph stages.h5
+run 0 label stages.h5
+run 0 carve stages.h5
+run 0 simplify stages.h5 --vertices 60
+run 0 simulate stages.h5 --frames 8
+run 0 skin stages.h5 -o skinned.h5 --epochs 5
+same skinned.h5 a/b/out/outfit.h5
+run 0 export skinned.h5 -o exported
+holds exported "outfit.glb outfit.json outfit.png outfit.proxy.obj"
+for extension in glb proxy.obj png; do
+    same a/b/out/outfit.$extension exported/outfit.$extension
+done
+run 0 export skinned.h5 -o exported2 --name other --no-png
+holds exported2 "other.glb other.json other.proxy.obj"
+
+# An earlier stage drops the results of later ones; the visual mesh can be taken from an asset.
+run 0 simplify skinned.h5 -o earlier.h5 --vertices 60
+run 0 info earlier.h5
+grep -q '^stages  *7 of 9' stdout || fail "stages left after simplify"
+run 3 skin earlier.h5
+run 0 voxelize skinned.h5 -o first.h5 --voxels 16
+run 0 voxelize outfit.obj -o second.h5 --voxels 16
+same first.h5 second.h5
+
+# Our own GLB is read back: a skinned visual mesh and the proxy.
+run 0 info a/b/out/outfit.glb
+grep -q ' bones' stdout || fail "no skin in the GLB"
+run 0 evaluate outfit.obj a/b/out/outfit.proxy.obj
+run 0 evaluate skinned.h5 skinned.h5
+
+# --mesh takes the named part only.
+run 0 voxelize outfit.obj -o part.h5 --mesh 'sc*' --voxels 16
+run 0 info part.h5
+grep -Eq '^  visual_triangles +96$' stdout || fail "--mesh takes another part"
+
+# --seed reaches every stage that has one.
+run 0 build outfit.obj -o seeded $quick --seed 7 --no-png
+run 0 info seeded/outfit.h5
+[ "$(grep -c '^  seed  *7$' stdout)" -eq "$("$program" help build | grep -c -e --seed)" ] ||
+    fail "--seed"
+
+# A folder in the way of a result: nothing of the set stays.
+mkdir -p blocked/outfit.json
+run 4 build outfit.obj -o blocked $quick
+holds blocked "outfit.json"
+
+# No proxy: nothing is left.
+run 2 build outfit.obj -o none $quick --mesh scarfs
+[ ! -e none ] || fail "a folder is left"
+
+# Interrupted: exit code 130, nothing is left.
+for signal in INT TERM; do
+    "$program" build outfit.obj -o stopped --voxels 96 --vertices 2000 --frames 400 \
+        >stdout 2>stderr &
+    process=$!
+    sleep 1
+    kill -$signal $process
+    wait $process
+    actual=$?
+    [ "$actual" -eq 130 ] || fail "exit code $actual after SIG$signal"
+    [ ! -e stopped ] || fail "a folder is left after SIG$signal"
+    [ "$(wc -l <stderr)" -eq 1 ] || fail "not one line after SIG$signal"
+done
+
+[ "$failures" -eq 0 ] || exit 1

@@ -9,7 +9,7 @@
 #define SHADOW_TEXELS   ((size_t)LAMPS * SHADOW_SIDE * SHADOW_SIDE)
 #define CREASE_COSINE   0.6427F // of 50 degrees
 #define EDGE_WIDTH      1.15    // pixels at a tile of 360
-#define BORDER_WIDTH    2.3
+#define BORDER_WIDTH    3.2
 #define OVERLAY_OPACITY 0.5F
 // Back sides count as this much farther away, in radii of the model: where the two sheets of a
 // projected mesh lie on each other, the front is drawn.
@@ -162,7 +162,7 @@ static inline float visibility(const float *depths, const float mapped[3]) {
     float place[2];
     for (size_t k = 0; k < 2; ++k) {
         const float texel = mapped[k] - 0.5F, last = SHADOW_SIDE - 1.001F;
-        place[k] = texel < 0.0F ? 0.0F : texel > last ? last : texel;
+        place[k] = !(texel > 0.0F) ? 0.0F : texel > last ? last : texel;
     }
     const size_t column = (size_t)place[0], row = (size_t)place[1];
     const float u = place[0] - (float)column, v = place[1] - (float)row;
@@ -321,7 +321,7 @@ static void set_encoding(drawing *d) {
 }
 
 static uint8_t encode(const drawing *d, float linear) {
-    const float clamped = linear < 0.0F ? 0.0F : linear > 1.0F ? 1.0F : linear;
+    const float clamped = !(linear > 0.0F) ? 0.0F : linear > 1.0F ? 1.0F : linear;
     return d->encoded[(size_t)(clamped * 4096.0F + 0.5F)];
 }
 

@@ -11,7 +11,7 @@
 static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_graph_options, opposite_reach, DOUBLE, 2.0, 0.1, 10.0, "voxels",
                      "Largest distance of opposite vertices"),
-    PCI_FIELD_OPTION(pc_graph_options, opposite_epsilon, DOUBLE, 0.1, 0.0, 1.0, "",
+    PCI_FIELD_OPTION(pc_graph_options, opposite_epsilon, DOUBLE, 0.4, 0.0, 1.0, "",
                      "epsilon_o: opposite normals have a dot product below -1 + epsilon_o"),
     PCI_FIELD_OPTION(pc_graph_options, inward_offset, DOUBLE, 0.25, 0.0, 2.0, "voxels",
                      "Start of the ray for opposite vertices, outside the vertex"),

@@ -47,14 +47,25 @@ PC_NODISCARD pc_status pc_export_report(pc_context *context, const pc_asset *ass
                                         const char *path);
 
 typedef struct pc_contact_sheet_options {
-    uint32_t tile_size;      ///< pixels of one view's side
-    uint32_t skinned_frames; ///< how many frames of the motion are shown
+    uint32_t tile_size;      ///< pixels of one picture's side, 96..2048
+    uint32_t skinned_frames; ///< frames of the motion shown, 0..64, spread evenly up to the last
 } pc_contact_sheet_options;
 
 extern const pc_record pc_contact_sheet_options_record;
 
-/// Renders the stages side by side into a PNG: visual, iso-surface, projected, single layer, proxy,
-/// skinned frames. Front sides are grey, back sides blue; edges of the proxy are drawn.
+/// Renders the stages side by side into a PNG, for people who judge cloth by eye.
+///
+/// Row 1: visual mesh, iso-surface, projected mesh, single layer and proxy from the front; row 2:
+/// the same from the back; then the visual mesh skinned to frames of the motion, with the proxy's
+/// edges over it. Stages that did not run are left out. All pictures of the first two rows have one
+/// scale, all frames one camera: a three-quarter view from slightly above, up is
+/// `simulate.up_axis`, the front is +z (y up), -y (z up) or +z (x up). Front sides are grey, back
+/// sides blue; the proxy's border edges are drawn bolder. Where two sheets lie on each other the
+/// front side is shown. Equal assets give equal bytes.
+/// @param[in] options  NULL for the defaults.
+/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (NULL, no visual mesh, weights or motion of other
+///         meshes); PC_ERROR_INVALID_OPTIONS; PC_ERROR_IO; PC_ERROR_OUT_OF_MEMORY;
+///         PC_ERROR_CANCELLED; PC_ERROR_DEPENDENCY (libpng failed).
 PC_NODISCARD pc_status pc_export_contact_sheet(pc_context *context, const pc_asset *asset,
                                                const pc_contact_sheet_options *options,
                                                const char *path);

@@ -40,7 +40,7 @@ typedef struct pc_label_options {
     double lambda_smooth;   ///< lambda_s
     double lambda_opposite; ///< lambda_o
     double lambda_bias;
-    uint32_t label_effort; ///< work budget for steps 3 and 4; 0 leaves them out
+    uint32_t label_effort; ///< work budget for packing (steps 3 and 4); 0 leaves it out
 } pc_label_options;
 
 typedef struct pc_label_report {

@@ -197,21 +197,25 @@ static pc_status solve_components(solver *s, const pci_signed_graph *graph, cons
             !extract_component(&own, graph, roof, members, count, &rows, local, &part)) {
             status = pci_fail_memory(s->context, s->stage);
         } else {
-            int64_t bound = INT64_MIN;
+            int64_t bound = 0;
             status = solve_component(s, &part, labels, &bound);
-            for (size_t i = 0; i < count; ++i) {
+            for (size_t i = 0; i < count && status == PC_OK; ++i) {
                 solution->labels[members[i]] = labels[i + 1];
             }
-            const int64_t gap = pci_signed_graph_cost(&part, labels) - bound;
-            missing += gap;
-            solution->unproven += gap > 0;
-            solution->open_vertices += count;
+            if (status == PC_OK) {
+                const int64_t gap = pci_signed_graph_cost(&part, labels) - bound;
+                missing += gap;
+                solution->unproven += gap > 0;
+                solution->open_vertices += count;
+            }
         }
         pci_scratch_end(&own);
     }
-    // All that is not proven lies in the components.
-    solution->components = components;
-    solution->bound = pci_signed_graph_cost(graph, solution->labels) - missing;
+    if (status == PC_OK) {
+        // All that is not proven lies in the components.
+        solution->components = components;
+        solution->bound = pci_signed_graph_cost(graph, solution->labels) - missing;
+    }
 cleanup:
     pci_scratch_end(&scratch);
     return status;

@@ -5,8 +5,9 @@
 //
 // The clients are npm packages that are looked for in the folder PROXYCLOTH_CLIENTS:
 //   cd FOLDER && npm install gltf-validator @babylonjs/core @babylonjs/loaders three
+// Blender is looked for in PATH (Debian: apt install blender python3-numpy).
 // Exit code: 0 all agree, 1 a difference, 77 no client is installed (skipped).
-import { execFileSync } from 'node:child_process';
+import { execFileSync, spawnSync } from 'node:child_process';
 import { existsSync, mkdtempSync, readFileSync, rmSync } from 'node:fs';
 import { createRequire } from 'node:module';
 import { tmpdir } from 'node:os';
@@ -101,8 +102,9 @@ const posing = [
   { name: 'babylon.js', package: '@babylonjs/loaders', run: babylon, influences: 8 },
   { name: 'three.js', package: 'three', run: three, influences: 4 },
 ].filter((client) => installed(client.package));
-if (posing.length === 0 && !installed('gltf-validator')) {
-  console.log('skipped: PROXYCLOTH_CLIENTS names no folder with clients, see check.mjs');
+const blender = !spawnSync('blender', ['--version']).error;
+if (posing.length === 0 && !installed('gltf-validator') && !blender) {
+  console.log('skipped: no Blender, and PROXYCLOTH_CLIENTS names no folder with clients');
   process.exit(77);
 }
 
@@ -129,6 +131,14 @@ try {
       report(count === 3 && largest < 1e-5,
              `${client.name}, ${influences} influences: ${count} meshes, difference ${largest}`);
     }
+  }
+  // The only one that reads 12.
+  if (blender) {
+    const run = spawnSync('blender', ['--background', '--python-exit-code', '1', '--python',
+      new URL('check_blender.py', import.meta.url).pathname, '--',
+      join(folder, 'tube_12.glb'), join(folder, 'tube_12.json')], { encoding: 'utf8' });
+    const line = run.stdout.split('\n').find((text) => text.startsWith('difference'));
+    report(run.status === 0, `blender, 12 influences: ${line ?? run.stderr}`);
   }
 } finally {
   rmSync(folder, { recursive: true });

@@ -25,6 +25,6 @@ forbid 'a stage includes io, the asset or a third party' "io/|asset\.h|proxyclot
 forbid 'the program includes internals' 'core/|stages/|io/|asset\.h' cli/*.[ch]
 # Every source file is in the build, and every listed file exists.
 for file in src/*.c src/*/*.c; do
-    grep -q "  $file" CMakeLists.txt || { echo "layering: $file is not built" >&2; bad=1; }
+    grep -q " $file" CMakeLists.txt || { echo "layering: $file is not built" >&2; bad=1; }
 done
 exit $bad

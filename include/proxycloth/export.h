@@ -11,31 +11,61 @@
 extern "C" {
 #endif
 
-/// Writes binary glTF 2.0: the visual mesh with its texture coordinates, normals and materials,
-/// skinned to one joint per proxy vertex (joint order = proxy vertex order, flat under one root,
-/// inverse bind matrices that are translations), the motion as translation animation, and the proxy
-/// as a second mesh. `extras` of the proxy node hold its triangles, pins, springs and joint order.
+/// Writes binary glTF 2.0: the visual mesh skinned to one joint per proxy vertex, the motion as
+/// animation, and the proxy as a second mesh.
+///
+/// - One primitive per material with triangles; vertices are the split vertices in use, with
+///   POSITION, NORMAL (smooth ones where the asset has none), TEXCOORD_0 and COLOR_0 where the
+///   asset has them, and as many sets JOINTS_n, WEIGHTS_n as the weights need (4 influences each).
+/// - Joint i is proxy vertex i: flat under one root, node names NAME_joint_0000 and so on, inverse
+///   bind matrices that only translate. Skinned meshes have no transform of their own.
+/// - Animation "simulation": one LINEAR translation channel per joint, frame f at f * frame_time.
+/// - Node NAME_proxy: the proxy mesh, vertex i follows joint i. Its extras hold under "proxycloth"
+///   what a cloth solver needs: joints (names), triangles, pinned, stretch_springs and bend_springs
+///   (vertices in pairs, rest_lengths, stiffness), simulation (options of the simulation).
+/// Lengths are written as they are; glTF takes them for metres and y for up.
+/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (a stage is missing, or the asset is inconsistent);
+///         PC_ERROR_TOO_LARGE (above 65536 proxy vertices or 4 GiB); PC_ERROR_IO;
+///         PC_ERROR_OUT_OF_MEMORY.
 PC_NODISCARD pc_status pc_export_glb(pc_context *context, const pc_asset *asset, const char *path);
 
-/// Writes a mesh as Wavefront OBJ, with as many digits as doubles need.
+/// Writes a mesh as Wavefront OBJ; positions read back as the same doubles.
+/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (NULL, a position that is not finite); PC_ERROR_IO;
+///         PC_ERROR_OUT_OF_MEMORY.
 PC_NODISCARD pc_status pc_export_obj(pc_context *context, const pc_mesh *mesh, const char *path);
 
-/// Writes the report as JSON: versions, options, counts, warnings, measures, losses, and, in an
-/// object of its own, the seconds of each stage.
-/// @param[in] timings  NULL: no seconds.
+/// Writes the report of the stages done as JSON. Keys: schema (1), versions, name, stage_count,
+/// visual.report, stages.STAGE.options and .report, warnings (stage, field, count, message), label
+/// (outcome, objective, bound, gap), measures, losses.before and .after (total, rigid, collision,
+/// attachment), timings (seconds per stage and total). Only `timings` differs between two runs on
+/// the same input. Numbers that are not finite are null.
+/// @param[in] measures  NULL: no measures.
+/// @param[in] timings   NULL: no seconds.
+/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_IO; PC_ERROR_OUT_OF_MEMORY.
 PC_NODISCARD pc_status pc_export_report(pc_context *context, const pc_asset *asset,
                                         const pc_measures *measures, const pc_timings *timings,
                                         const char *path);
 
 typedef struct pc_contact_sheet_options {
-    uint32_t tile_size;      ///< pixels of one view's side
-    uint32_t skinned_frames; ///< how many frames of the motion are shown
+    uint32_t tile_size;      ///< pixels of one picture's side, 96..2048
+    uint32_t skinned_frames; ///< frames of the motion shown, 0..64, spread evenly up to the last
 } pc_contact_sheet_options;
 
 extern const pc_record pc_contact_sheet_options_record;
 
-/// Renders the stages side by side into a PNG: visual, iso-surface, projected, single layer, proxy,
-/// skinned frames. Front sides are grey, back sides blue; edges of the proxy are drawn.
+/// Renders the stages side by side into a PNG, for people who judge cloth by eye.
+///
+/// Row 1: visual mesh, iso-surface, projected mesh, single layer and proxy from the front; row 2:
+/// the same from the back; then the visual mesh skinned to frames of the motion, with the proxy's
+/// edges over it. Stages that did not run are left out. All pictures of the first two rows have one
+/// scale, all frames one camera: a three-quarter view from slightly above, up is
+/// `simulate.up_axis`, the front is +z (y up), -y (z up) or +z (x up). Front sides are grey, back
+/// sides blue; the proxy's border edges are drawn bolder. Where two sheets lie on each other the
+/// front side is shown. Equal assets give equal bytes.
+/// @param[in] options  NULL for the defaults.
+/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (NULL, no visual mesh, weights or motion of other
+///         meshes); PC_ERROR_INVALID_OPTIONS; PC_ERROR_IO; PC_ERROR_OUT_OF_MEMORY;
+///         PC_ERROR_CANCELLED; PC_ERROR_DEPENDENCY (libpng failed).
 PC_NODISCARD pc_status pc_export_contact_sheet(pc_context *context, const pc_asset *asset,
                                                const pc_contact_sheet_options *options,
                                                const char *path);

@@ -34,10 +34,12 @@ typedef struct pc_graph {
 void pc_graph_free(pc_context *context, pc_graph *graph);
 
 typedef struct pc_graph_options {
-    double opposite_reach;   ///< in voxels; 2 D / N_o of the paper
-    double opposite_epsilon; ///< epsilon_o: n_i . n_j < -1 + epsilon_o
-    double inward_offset;    ///< in voxels
-    double outward_offset;   ///< in voxels
+    double opposite_reach; ///< in voxels; 2 D / N_o of the paper
+    /// epsilon_o: n_i . n_j < -1 + epsilon_o. Small values leave the sides of wrinkled or tight
+    /// sheets without mates, which closes openings and keeps doubled layers.
+    double opposite_epsilon;
+    double inward_offset;  ///< in voxels
+    double outward_offset; ///< in voxels
 } pc_graph_options;
 
 typedef struct pc_graph_report {

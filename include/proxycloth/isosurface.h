@@ -2,10 +2,16 @@
 ///
 /// The iso-value is one voxel (section 3.1). Cases come from one rule: on a face with two inside
 /// corners across a diagonal, the inside corners are always separated, so neighbouring cells agree,
-/// and no triangle edge that crosses a cell's interior lies in one of its faces.
+/// and no triangle edge that crosses a cell's interior lies in one of its faces. Missing samples
+/// count as outside, at the distance of the band.
+///
+/// DEVIATION: a vertex stays at least .1 voxels away from the ends of its lattice edge. Where the
+/// surface passes a lattice point closer than that, plain interpolation makes slivers that upset
+/// curvatures and normals later on; the vertices are projected onto the garment anyway.
 ///
 /// Postconditions for every input: closed, every edge has exactly two triangles that run it in
-/// opposite directions, every vertex has one fan; normals point away from the garment.
+/// opposite directions, every vertex has one fan, no triangles cross, no edge is shorter than .1
+/// voxels; normals point away from the garment.
 #ifndef PROXYCLOTH_ISOSURFACE_H
 #define PROXYCLOTH_ISOSURFACE_H
 

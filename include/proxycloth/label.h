@@ -3,13 +3,18 @@
 /// Minimises equations (2) and (3) over l in {0, 1}^V:
 ///   lambda_s sum_E w_ij [l_i != l_j]
 ///   + lambda_o sum_Eo ([l_i == l_j] + lambda_bias [s_ij != 0 and l_i - l_j != s_ij]).
-/// The problem is not submodular. Roof duality (maximum flow on the doubled graph) fixes most
-/// labels and proves a lower bound; the rest splits into components that are solved exactly where
-/// they are small, and by search with a lower bound where they are not.
+/// The problem is not submodular. Weights become integers, so that all proofs are exact. Then
+///   1. roof duality (maximum flow on the doubled graph) fixes most labels and proves a bound,
+///   2. the rest splits into components; variable elimination solves those of small width,
+///   3. the others get labels by annealing and by rounding, and a bound by packing cycles whose
+///      wishes contradict each other (the dual of the relaxation with odd-cycle inequalities),
+///   4. edges whose violation would cost more than the gap are contracted, and what is left starts
+///      again at 1.
 ///
 /// Postconditions: `objective` is the value of `labels`; no labelling has a value below `bound`.
 /// Not reaching the optimum is no error: see `outcome` and `gap`. Work is counted, never timed, so
-/// the result is reproducible.
+/// the result is reproducible. A connected part of the graph in which no vertex prefers a label has
+/// two mirrored optima; its lowest vertex gets label 1.
 #ifndef PROXYCLOTH_LABEL_H
 #define PROXYCLOTH_LABEL_H
 
@@ -35,7 +40,7 @@ typedef struct pc_label_options {
     double lambda_smooth;   ///< lambda_s
     double lambda_opposite; ///< lambda_o
     double lambda_bias;
-    uint32_t label_effort; ///< work budget on top of roof duality
+    uint32_t label_effort; ///< work budget for packing (steps 3 and 4); 0 leaves it out
 } pc_label_options;
 
 typedef struct pc_label_report {
@@ -55,8 +60,9 @@ extern const pc_record pc_label_report_record;
 
 /// @param[in]  graph   curvatures and outer_distances are not read.
 /// @param[out] labels  zeroed on entry.
-/// @return PC_OK (also without proof); PC_ERROR_INVALID_ARGUMENT (index out of range, weight not
-///         finite or negative, sign not in -1..1); PC_ERROR_INVALID_OPTIONS; PC_ERROR_TOO_LARGE;
+/// @return PC_OK (also without proof); PC_ERROR_INVALID_ARGUMENT (index out of range, edge from a
+///         vertex to itself, weight or sum of weights not finite, negative weight, sign not in
+///         -1..1); PC_ERROR_INVALID_OPTIONS; PC_ERROR_TOO_LARGE;
 ///         PC_ERROR_OUT_OF_MEMORY; PC_ERROR_CANCELLED.
 PC_NODISCARD pc_status pc_label(pc_context *context, const pc_graph *graph,
                                 const pc_label_options *options, pc_labels *labels,

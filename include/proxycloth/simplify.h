@@ -26,6 +26,7 @@ typedef enum pc_simplify_shortfall {
 
 typedef struct pc_simplify_options {
     uint32_t vertices;              ///< N_p
+    double narrow_refinement;       ///< longest over shortest edges; 1 is the paper's uniform mesh
     uint32_t clustering_iterations; ///< passes of boundary exchanges
     uint32_t seed;
 } pc_simplify_options;

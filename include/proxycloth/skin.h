@@ -7,6 +7,25 @@
 /// spatial neighbours against collisions, and attachment of neighbouring parts. The surrogate
 /// w = |s| / sum |s| is optimised with AdamW.
 ///
+/// The paper names no lambdas. Here each loss is divided by the number of frames and by its norm
+/// (L_r, L_c: sum of the squared rest lengths of its directed edges; L_a: sum over the vertices of
+/// the squared mean distance to the neighbours), so neither the unit nor the resolution matters;
+/// epsilon_z is 1/1500 of the bounding-box diagonal.
+///
+/// DEVIATION: the candidates of a vertex are the corners of the closest proxy triangle and then the
+/// nearest proxy vertices, and the first guess is mostly the closest point's barycentric
+/// coordinates: the nearest vertices alone may all lie on another layer.
+/// DEVIATION: 100 epochs of batches at learning rate 0.005 that falls at the end, instead of 200 at
+/// 0.001: the same loss or less in half the time.
+/// DEVIATION: the weights are cut from k_B candidates to K influences in two steps and optimised
+/// again after each; engines take 4 influences, and cutting alone multiplies L_r by about five.
+///
+/// The objective is 0 for equal weights everywhere, so it also rewards less motion: on unseen winds
+/// the result moves a few percent less than the proxy, and parts that hang on held vertices drift.
+///
+/// Time: about 30 ns per vertex, frame and epoch on one core, in float. Memory: 2 kB per vertex, and
+/// 32 B per vertex and frame (batches below 16 frames: as if each had 16).
+///
 /// Postconditions: weights >= 0, each row sums to 1 within 1e-12, rows sorted by falling weight.
 #ifndef PROXYCLOTH_SKIN_H
 #define PROXYCLOTH_SKIN_H

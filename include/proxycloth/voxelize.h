@@ -5,6 +5,10 @@
 /// (about N_v^2), not with N_v^3. Distances are exact: candidates come from Embree point queries,
 /// the point-triangle distance is computed in double, then stored in float.
 ///
+/// The lattice is centred on the bounding box. It reaches at least 3.5 cells beyond, with an offset
+/// of half a cell, so that flat parts of a garment lie between lattice planes. The band is 2.75
+/// cells: all corners of a cell that holds an iso-surface of up to one cell.
+///
 /// Postconditions: `samples` ascend strictly; every lattice point closer than `band` is present;
 /// the outermost lattice layer is farther than `band` from the surface.
 #ifndef PROXYCLOTH_VOXELIZE_H

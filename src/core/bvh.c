@@ -452,13 +452,18 @@ pci_hit pci_bvh_cast(const pci_bvh *bvh, const double origin[3], const double di
     ray.shear[1] = direction[y] / direction[z];
     ray.shear[2] = 1.0 / direction[z];
 
+    // Embree as Debian builds it ends the process when a ray is not finite.
     float from[3], towards[3];
     for (size_t k = 0; k < 3; ++k) {
         from[k] = (float)((origin[k] + enter * direction[k] - bvh->centre[k]) * bvh->scale);
         towards[k] = (float)(direction[k] / length);
-        if (!isfinite(from[k])) {
-            return miss; // Embree may end the process when it is given such a ray
+        if (!(fabsf(from[k]) < (float)FARTHEST_POINT)) {
+            return miss; // an origin so far away that nothing is left of the clipping
         }
+    }
+    const float reach = (float)((leave - enter) * ray.local_rate + PADDING);
+    if (!isfinite(reach)) {
+        return miss;
     }
     struct RTCRayHit search = {.ray = {.org_x = from[0],
                                        .org_y = from[1],
@@ -466,7 +471,7 @@ pci_hit pci_bvh_cast(const pci_bvh *bvh, const double origin[3], const double di
                                        .dir_x = towards[0],
                                        .dir_y = towards[1],
                                        .dir_z = towards[2],
-                                       .tfar = (float)((leave - enter) * ray.local_rate + PADDING),
+                                       .tfar = reach,
                                        .mask = UINT32_MAX},
                                .hit = {.geomID = RTC_INVALID_GEOMETRY_ID}};
     rtcInitIntersectContext(&ray.context);

@@ -5,7 +5,7 @@
 #include "core/cycle_program.h"
 #include "core/signed_search.h"
 
-enum { FIRST_ROUNDS = 8, FIRST_ITERATIONS = 100, ITERATIONS = 200, TREES = 10, CUTS_PER_EDGE = 2 };
+enum { ITERATIONS = 80, TREES = 6, CUTS_PER_EDGE = 8, MAX_IDLE = 3 };
 #define MIN_VIOLATION 0.01
 #define HOP_LENGTH    1e-3 // prefers short cycles
 #define CONVERGED     1e-5 // relative error of the linear program
@@ -222,33 +222,45 @@ static size_t count_contracted(const pci_signed_graph *graph, const int64_t *res
     return left;
 }
 
-bool pci_find_cycle_bound(pci_scratch *scratch, const pci_signed_graph *graph, uint64_t *work,
-                          uint8_t *labels, pci_cycle_bound *result) {
+pc_status pci_find_cycle_bound(pci_scratch *scratch, const char *stage,
+                               const pci_signed_graph *graph, pci_budget *budget, uint8_t *labels,
+                               pci_cycle_bound *result) {
     const size_t n = graph->vertex_count, m = graph->edge_count;
-    pci_scratch local = pci_scratch_begin(scratch->context);
+    pc_context *context = scratch->context;
+    pci_scratch local = pci_scratch_begin(context);
     pci_cycle_program program;
     tree t = {0};
+    pc_status status = PC_OK;
     result->residuals = PCI_SCRATCH(scratch, int64_t, m);
     result->bound = graph->constant;
     uint32_t *parent = PCI_SCRATCH(&local, uint32_t, n);
-    bool ok = !scratch->failed && pci_cycle_program_create(&local, graph, &program) &&
-              make_tree(&program, &t);
-    for (size_t e = 0; e < m && ok; ++e) {
+    if (scratch->failed || !pci_cycle_program_create(&local, graph, &program) ||
+        !make_tree(&program, &t)) {
+        status = pci_fail_memory(context, stage);
+        goto cleanup;
+    }
+    for (size_t e = 0; e < m; ++e) {
         result->residuals[e] = graph->edges[e].cost;
     }
     uint32_t idle = 0; // rounds without progress
-    for (uint32_t round = 0; ok && *work != 0 && idle < 3; ++round) {
-        size_t added = 0;
-        ok = separate(&program, &t, round, &added);
-        if (!ok) {
-            break;
+    for (uint32_t round = 0; budget->left != 0 && idle < MAX_IDLE; ++round) {
+        if (!pci_progress(context, stage, pci_budget_used(budget))) {
+            status = pci_fail_cancelled(context, stage);
+            goto cleanup;
         }
-        const uint32_t iterations = round < FIRST_ROUNDS ? FIRST_ITERATIONS : ITERATIONS;
-        const double error = pci_cycle_program_iterate(&program, iterations);
-        const uint64_t used = (program.entry_count + m) * iterations + TREES * 10 * m;
-        *work -= used < *work ? used : *work;
+        size_t added = 0;
+        if (!separate(&program, &t, round, &added)) {
+            status = pci_fail_memory(context, stage);
+            goto cleanup;
+        }
+        const double error = pci_cycle_program_iterate(&program, ITERATIONS);
+        const uint64_t used = (program.entry_count + m) * ITERATIONS + 40 * TREES * m;
+        budget->left -= used < budget->left ? used : budget->left;
         result->bound = graph->constant + pci_cycle_program_pack(&program, result->residuals);
-        ok = pci_signed_search(scratch->context, graph, program.y, 0, labels);
+        if (!pci_signed_search(context, graph, program.y, 0, labels)) {
+            status = pci_fail_memory(context, stage);
+            goto cleanup;
+        }
         const int64_t gap = pci_signed_graph_cost(graph, labels) - result->bound;
         if (gap <= 0 || 2 * count_contracted(graph, result->residuals, gap, parent) < n) {
             break;
@@ -256,6 +268,7 @@ bool pci_find_cycle_bound(pci_scratch *scratch, const pci_signed_graph *graph, u
         idle = added == 0 && error < CONVERGED ? idle + 1 : 0;
         pci_cycle_program_purge(&program);
     }
+cleanup:
     pci_scratch_end(&local);
-    return ok;
+    return status;
 }

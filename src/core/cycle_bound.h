@@ -12,12 +12,22 @@ typedef struct pci_cycle_bound {
     int64_t *residuals; // #edges: one that violates the edge's wish costs at least this much more
 } pci_cycle_bound;
 
+// Work in visited entries.
+typedef struct pci_budget {
+    uint64_t total, left;
+} pci_budget;
+
+static inline double pci_budget_used(const pci_budget *budget) {
+    return budget->total == 0 ? 0.0 : 1.0 - (double)budget->left / (double)budget->total;
+}
+
 // The linear program is solved approximately by a first-order method; the bound comes from a
 // packing in integers and holds whatever that method did. `labels` is improved by rounding. Stops
 // when bound and cost meet, when half of the vertices can be contracted (a residual is at least the
-// gap), when no cycle is violated any more, or when `work` (entries visited) is used up.
-// `residuals` comes from `scratch`. False: out of memory.
-bool pci_find_cycle_bound(pci_scratch *scratch, const pci_signed_graph *graph, uint64_t *work,
-                          uint8_t *labels, pci_cycle_bound *result);
+// gap), when no cycle is violated any more, or when the budget is used up. `residuals` comes from
+// `scratch`. PC_ERROR_OUT_OF_MEMORY, PC_ERROR_CANCELLED.
+pc_status pci_find_cycle_bound(pci_scratch *scratch, const char *stage,
+                               const pci_signed_graph *graph, pci_budget *budget, uint8_t *labels,
+                               pci_cycle_bound *result);
 
 #endif

@@ -4,12 +4,12 @@
 
 #define SAMPLES         3 // per pixel and axis
 #define BAND_ROWS       8 // pixels, work of one piece
-#define LAMPS           48
-#define SHADOW_SIDE     192 // texels of a lamp's depth map
+#define LAMPS           96
+#define SHADOW_SIDE     144 // texels of a lamp's depth map
 #define SHADOW_TEXELS   ((size_t)LAMPS * SHADOW_SIDE * SHADOW_SIDE)
 #define CREASE_COSINE   0.6427F // of 50 degrees
 #define EDGE_WIDTH      1.15    // pixels at a tile of 360
-#define BORDER_WIDTH    2.3
+#define BORDER_WIDTH    3.2
 #define OVERLAY_OPACITY 0.5F
 // Back sides count as this much farther away, in radii of the model: where the two sheets of a
 // projected mesh lie on each other, the front is drawn.
@@ -129,23 +129,30 @@ static inline void to_lamp(const lamp *at, const float point[3], float out[3]) {
     }
 }
 
+typedef struct shadow_job {
+    const pci_model *model;
+    double *corners; // #workers by #V by 3, vertices seen from the lamp
+} shadow_job;
+
 static void cast_shadows(void *user, size_t begin, size_t end, uint32_t worker) {
-    const pci_model *model = user;
-    (void)worker;
+    const shadow_job *job = user;
+    const pc_mesh *mesh = job->model->mesh;
+    double *corners = &job->corners[3 * mesh->vertex_count * worker];
     for (size_t i = begin; i < end; ++i) {
         const lamp at = lamp_at(i);
-        canvas target = {.width = SHADOW_SIDE, .row_count = SHADOW_SIDE};
-        target.depths = &model->shadows[i * SHADOW_SIDE * SHADOW_SIDE];
-        for (size_t t = 0; t < model->mesh->triangle_count; ++t) {
-            double corner[3][3];
-            for (size_t c = 0; c < 3; ++c) {
-                float mapped[3];
-                to_lamp(&at, &model->points[3 * (size_t)model->mesh->triangles[3 * t + c]], mapped);
-                corner[c][0] = (double)mapped[0];
-                corner[c][1] = (double)mapped[1];
-                corner[c][2] = (double)mapped[2];
+        for (size_t v = 0; v < mesh->vertex_count; ++v) {
+            float mapped[3];
+            to_lamp(&at, &job->model->points[3 * v], mapped);
+            for (size_t k = 0; k < 3; ++k) {
+                corners[3 * v + k] = (double)mapped[k];
             }
-            rasterize(&target, corner[0], corner[1], corner[2], 0);
+        }
+        canvas target = {.width = SHADOW_SIDE, .row_count = SHADOW_SIDE};
+        target.depths = &job->model->shadows[i * SHADOW_SIDE * SHADOW_SIDE];
+        for (size_t t = 0; t < mesh->triangle_count; ++t) {
+            const uint32_t *v = &mesh->triangles[3 * t];
+            rasterize(&target, &corners[3 * (size_t)v[0]], &corners[3 * (size_t)v[1]],
+                      &corners[3 * (size_t)v[2]], 0);
         }
     }
 }
@@ -155,7 +162,7 @@ static inline float visibility(const float *depths, const float mapped[3]) {
     float place[2];
     for (size_t k = 0; k < 2; ++k) {
         const float texel = mapped[k] - 0.5F, last = SHADOW_SIDE - 1.001F;
-        place[k] = texel < 0.0F ? 0.0F : texel > last ? last : texel;
+        place[k] = !(texel > 0.0F) ? 0.0F : texel > last ? last : texel;
     }
     const size_t column = (size_t)place[0], row = (size_t)place[1];
     const float u = place[0] - (float)column, v = place[1] - (float)row;
@@ -215,7 +222,10 @@ bool pci_model_build(pc_context *context, pci_scratch *scratch, const pc_mesh *m
     model->normals = PCI_SCRATCH(scratch, float, 9 * count);
     model->borders = PCI_SCRATCH(scratch, uint8_t, count);
     model->points = PCI_SCRATCH(scratch, float, 3 * mesh->vertex_count);
+    shadow_job shadow = {.model = model};
     if (look != PCI_LOOK_UNLIT) { // nothing is at depth 0, the far end
+        const size_t workers = pc_context_threads(context);
+        shadow.corners = PCI_SCRATCH(scratch, double, 3 * mesh->vertex_count * workers);
         model->shadows = PCI_SCRATCH(scratch, float, SHADOW_TEXELS);
     }
     double *areas = PCI_SCRATCH(scratch, double, 3 * count);
@@ -248,7 +258,7 @@ bool pci_model_build(pc_context *context, pci_scratch *scratch, const pc_mesh *m
     normal_job job = {mesh, &topology, areas, look == PCI_LOOK_SMOOTH, model->normals};
     pci_parallel_for(context, count, 1024, compute_normals, &job);
     if (look != PCI_LOOK_UNLIT) {
-        pci_parallel_for(context, LAMPS, 1, cast_shadows, model);
+        pci_parallel_for(context, LAMPS, 1, cast_shadows, &shadow);
     }
     return true;
 }
@@ -311,7 +321,7 @@ static void set_encoding(drawing *d) {
 }
 
 static uint8_t encode(const drawing *d, float linear) {
-    const float clamped = linear < 0.0F ? 0.0F : linear > 1.0F ? 1.0F : linear;
+    const float clamped = !(linear > 0.0F) ? 0.0F : linear > 1.0F ? 1.0F : linear;
     return d->encoded[(size_t)(clamped * 4096.0F + 0.5F)];
 }
 

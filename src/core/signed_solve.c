@@ -14,7 +14,7 @@ enum { MAX_WIDTH = 18 };
 typedef struct solver {
     pc_context *context;
     const char *stage;
-    uint64_t work; // left
+    pci_budget budget;
 } solver;
 
 static pc_status solve(solver *s, const pci_signed_graph *graph, pci_signed_solution *solution);
@@ -119,14 +119,14 @@ static pc_status solve_component(solver *s, const pci_signed_graph *graph, uint8
         goto cleanup;
     }
     *bound = roof.bound;
-    if (s->work != 0) {
-        if (!pci_find_cycle_bound(&scratch, graph, &s->work, labels, &cycles)) {
-            status = pci_fail_memory(s->context, s->stage);
-        } else {
-            *bound = cycles.bound > *bound ? cycles.bound : *bound;
-            if (*bound < pci_signed_graph_cost(graph, labels)) {
-                status = solve_contracted(s, graph, &cycles, labels, bound);
-            }
+    if (s->budget.left == 0) {
+        goto cleanup;
+    }
+    status = pci_find_cycle_bound(&scratch, s->stage, graph, &s->budget, labels, &cycles);
+    if (status == PC_OK) {
+        *bound = cycles.bound > *bound ? cycles.bound : *bound;
+        if (*bound < pci_signed_graph_cost(graph, labels)) {
+            status = solve_contracted(s, graph, &cycles, labels, bound);
         }
     }
 cleanup:
@@ -184,7 +184,7 @@ static pc_status solve_components(solver *s, const pci_signed_graph *graph, cons
     memcpy(solution->labels, roof->labels, n);
     int64_t missing = 0;
     for (size_t k = 0; k < components && status == PC_OK; ++k) {
-        if (!pci_progress(s->context, s->stage, (double)k / (double)components)) {
+        if (!pci_progress(s->context, s->stage, pci_budget_used(&s->budget))) {
             status = pci_fail_cancelled(s->context, s->stage);
             break;
         }
@@ -197,21 +197,25 @@ static pc_status solve_components(solver *s, const pci_signed_graph *graph, cons
             !extract_component(&own, graph, roof, members, count, &rows, local, &part)) {
             status = pci_fail_memory(s->context, s->stage);
         } else {
-            int64_t bound = INT64_MIN;
+            int64_t bound = 0;
             status = solve_component(s, &part, labels, &bound);
-            for (size_t i = 0; i < count; ++i) {
+            for (size_t i = 0; i < count && status == PC_OK; ++i) {
                 solution->labels[members[i]] = labels[i + 1];
             }
-            const int64_t gap = pci_signed_graph_cost(&part, labels) - bound;
-            missing += gap;
-            solution->unproven += gap > 0;
-            solution->open_vertices += count;
+            if (status == PC_OK) {
+                const int64_t gap = pci_signed_graph_cost(&part, labels) - bound;
+                missing += gap;
+                solution->unproven += gap > 0;
+                solution->open_vertices += count;
+            }
         }
         pci_scratch_end(&own);
     }
-    // All that is not proven lies in the components.
-    solution->components = components;
-    solution->bound = pci_signed_graph_cost(graph, solution->labels) - missing;
+    if (status == PC_OK) {
+        // All that is not proven lies in the components.
+        solution->components = components;
+        solution->bound = pci_signed_graph_cost(graph, solution->labels) - missing;
+    }
 cleanup:
     pci_scratch_end(&scratch);
     return status;
@@ -233,6 +237,6 @@ static pc_status solve(solver *s, const pci_signed_graph *graph, pci_signed_solu
 
 pc_status pci_signed_solve(pc_context *context, const char *stage, const pci_signed_graph *graph,
                            uint64_t work, pci_signed_solution *solution) {
-    solver s = {.context = context, .stage = stage, .work = work};
+    solver s = {.context = context, .stage = stage, .budget = {.total = work, .left = work}};
     return solve(&s, graph, solution);
 }

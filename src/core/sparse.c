@@ -183,8 +183,8 @@ static inline void multiply_tile(const double *left, const double *right, size_t
     memcpy(sum, s, sizeof(s));
 }
 
-// Subtracts from block b what block d, a descendant, contributes: rows from .. up to to in d are
-// columns of b.
+// Subtracts from block b what block d, a descendant, contributes: its rows [from, to) are columns
+// of b.
 static void apply_descendant(const pci_cholesky *c, const uint32_t *place, size_t b, size_t d,
                              size_t from, size_t to) {
     const uint32_t *rows = &c->rows[c->row_offsets[d]];

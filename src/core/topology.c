@@ -385,6 +385,22 @@ void pci_vertex_normals(const pc_mesh *mesh, double *normals) {
     }
 }
 
+bool pci_mesh_is_valid(const pc_mesh *mesh) {
+    if (mesh == NULL || mesh->vertex_count == 0 || mesh->triangle_count == 0 ||
+        mesh->vertex_count >= PC_INVALID_INDEX || mesh->positions == NULL ||
+        mesh->triangles == NULL) {
+        return false;
+    }
+    bool valid = true;
+    for (size_t i = 0; i < 3 * mesh->vertex_count; ++i) {
+        valid = valid && isfinite(mesh->positions[i]);
+    }
+    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
+        valid = valid && mesh->triangles[i] < mesh->vertex_count;
+    }
+    return valid;
+}
+
 double pci_triangle_area(const pc_mesh *mesh, size_t triangle) {
     double normal[3];
     area_vector(mesh, triangle, normal);

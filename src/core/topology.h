@@ -48,6 +48,9 @@ bool pci_mesh_compact(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *
 // Area-weighted vertex normals, #V by 3, unit (or zero where undefined).
 void pci_vertex_normals(const pc_mesh *mesh, double *normals);
 
+// Whether a mesh has vertices and triangles, finite positions and indices in range. NULL has not.
+bool pci_mesh_is_valid(const pc_mesh *mesh);
+
 double pci_triangle_area(const pc_mesh *mesh, size_t triangle);
 void pci_bounding_box(const pc_mesh *mesh, double minimum[3], double maximum[3]);
 double pci_diagonal(const pc_mesh *mesh);

@@ -65,6 +65,7 @@ pc_status pci_atomic_begin(pc_context *context, const char *stage, const char *p
     file->path = path;
     file->temporary = temporary;
     file->stream = stream;
+    errno = 0;
     return PC_OK;
 }
 
@@ -73,8 +74,8 @@ pc_status pci_atomic_end(pci_atomic_file *file, pc_status status) {
         discard(file);
         return status;
     }
+    // What made an earlier write fail is still in errno, which was cleared at the beginning.
     int code = 0;
-    errno = 0;
     if (ferror(file->stream) != 0 || fflush(file->stream) != 0 ||
         fsync(fileno(file->stream)) != 0) {
         code = errno != 0 ? errno : EIO;

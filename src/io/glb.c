@@ -327,58 +327,68 @@ static cJSON *add_mesh(glb_writer *glb, const char *name) {
     return pci_json_array(&glb->json, mesh, "primitives");
 }
 
+// Arrays for one primitive of the visual mesh, used for one after the other.
+typedef struct primitive_arrays {
+    uint32_t *slots;    // #corners, new index + 1 of a split vertex, or 0
+    uint32_t *corners;  // split vertex of each new vertex
+    uint32_t *vertices; // vertex of the surface of each new vertex
+    uint32_t *indices;  // #F by 3
+} primitive_arrays;
+
 // One primitive: the triangles of one material with the split vertices that they use, in order.
 static void add_visual_primitive(glb_writer *glb, cJSON *primitives, uint32_t material,
-                                 const double *smooth_normals, const packed_weights *packed) {
+                                 const primitive_arrays *arrays, const double *smooth_normals,
+                                 const packed_weights *packed) {
     const pc_visual *visual = &glb->asset->visual;
-    const size_t triangles = visual->surface.triangle_count;
-    uint32_t *slots = PCI_SCRATCH(&glb->scratch, uint32_t, visual->corner_count);
-    uint32_t *corners = PCI_SCRATCH(&glb->scratch, uint32_t, visual->corner_count);
-    uint32_t *vertices = PCI_SCRATCH(&glb->scratch, uint32_t, visual->corner_count);
-    uint32_t *indices = PCI_SCRATCH(&glb->scratch, uint32_t, 3 * triangles);
-    if (glb->scratch.failed) {
-        return;
-    }
-    size_t index_count = 0, count = 0;
-    for (size_t i = 0; i < 3 * triangles; ++i) {
+    size_t index_count = 0;
+    uint32_t count = 0;
+    memset(arrays->slots, 0, visual->corner_count * sizeof(uint32_t));
+    for (size_t i = 0; i < 3 * visual->surface.triangle_count; ++i) {
         if (visual->triangle_materials[i / 3] == material) {
-            slots[visual->corner_triangles[i]] = 1;
-            indices[index_count++] = visual->corner_triangles[i];
+            arrays->slots[visual->corner_triangles[i]] = 1;
+            arrays->indices[index_count++] = visual->corner_triangles[i];
         }
     }
     if (index_count == 0) {
         return;
     }
     for (uint32_t corner = 0; corner < visual->corner_count; ++corner) {
-        if (slots[corner] != 0) {
-            slots[corner] = (uint32_t)count;
-            corners[count] = corner;
-            vertices[count++] = visual->corner_vertices[corner];
+        if (arrays->slots[corner] != 0) {
+            arrays->corners[count] = corner;
+            arrays->vertices[count] = visual->corner_vertices[corner];
+            arrays->slots[corner] = ++count;
         }
     }
     for (size_t i = 0; i < index_count; ++i) {
-        indices[i] = slots[indices[i]];
+        arrays->indices[i] = arrays->slots[arrays->indices[i]] - 1;
     }
     cJSON *primitive = pci_json_object(&glb->json, primitives, NULL);
     cJSON *attributes = pci_json_object(&glb->json, primitive, "attributes");
-    add_visual_attributes(glb, attributes, corners, vertices, count, smooth_normals, packed);
-    add_indices(glb, primitive, indices, index_count, count);
+    add_visual_attributes(glb, attributes, arrays->corners, arrays->vertices, count, smooth_normals,
+                          packed);
+    add_indices(glb, primitive, arrays->indices, index_count, count);
     const pc_material *look = &visual->materials[material];
     pci_json_count(&glb->json, primitive, "material", add_material(glb, look, look->name));
 }
 
 static void add_visual_mesh(glb_writer *glb) {
     const pc_visual *visual = &glb->asset->visual;
-    double *smooth_normals = PCI_SCRATCH(&glb->scratch, double, 3 * visual->surface.vertex_count);
+    pci_scratch *scratch = &glb->scratch;
+    const primitive_arrays arrays = {
+        .slots = PCI_SCRATCH(scratch, uint32_t, visual->corner_count),
+        .corners = PCI_SCRATCH(scratch, uint32_t, visual->corner_count),
+        .vertices = PCI_SCRATCH(scratch, uint32_t, visual->corner_count),
+        .indices = PCI_SCRATCH(scratch, uint32_t, 3 * visual->surface.triangle_count)};
+    double *smooth_normals = PCI_SCRATCH(scratch, double, 3 * visual->surface.vertex_count);
     packed_weights packed = {0};
     pack_weights(glb, &glb->asset->skin, &packed);
-    if (glb->scratch.failed) {
+    if (scratch->failed) {
         return;
     }
     pci_vertex_normals(&visual->surface, smooth_normals);
     cJSON *primitives = add_mesh(glb, glb->name);
     for (uint32_t material = 0; material < visual->material_count && !failed(glb); ++material) {
-        add_visual_primitive(glb, primitives, material, smooth_normals, &packed);
+        add_visual_primitive(glb, primitives, material, &arrays, smooth_normals, &packed);
     }
 }
 
@@ -422,7 +432,7 @@ static void add_joint_name(glb_writer *glb, cJSON *parent, const char *key, size
     pci_json_string(&glb->json, parent, key, name);
 }
 
-// Springs of equation (6)'s driver: two vertices each, with their rest lengths.
+// Springs of the simulation: two vertices each, and their rest lengths.
 static void add_springs(glb_writer *glb, cJSON *extras, const char *name, const uint32_t *pairs,
                         size_t count, double stiffness) {
     const double *positions = glb->asset->proxy.positions;

@@ -18,7 +18,7 @@ static void ignore_warning(png_structp png, png_const_charp message) {
 
 // A failed write is noticed when the file ends.
 static void write_bytes(png_structp png, png_bytep bytes, png_size_t size) {
-    fwrite(bytes, 1, size, png_get_io_ptr(png));
+    (void)!fwrite(bytes, 1, size, png_get_io_ptr(png));
 }
 
 static void flush_nothing(png_structp png) { (void)png; }

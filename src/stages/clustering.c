@@ -5,7 +5,7 @@
 typedef struct clustering {
     pci_scratch *scratch;
     const pci_halfedge *mesh;
-    const double *weights;
+    const double *weights, *scales;
     size_t count; // clusters
     uint32_t *cluster;
     double *masses;     // per cluster
@@ -55,8 +55,9 @@ static bool place_seeds(clustering *c, uint32_t first) {
                 for (size_t i = 0; i < end_count; ++i) {
                     const double distance =
                         entry.key +
-                        sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)v],
-                                                  &mesh->positions[3 * (size_t)ends[i]]));
+                        0.5 * (c->scales[v] + c->scales[ends[i]]) *
+                            sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)v],
+                                                      &mesh->positions[3 * (size_t)ends[i]]));
                     if (distance < distances[ends[i]]) {
                         distances[ends[i]] = distance;
                         c->cluster[ends[i]] = (uint32_t)seed;
@@ -209,11 +210,12 @@ static size_t attach_orphans(clustering *c, bool *done) {
 }
 
 bool pci_cluster_vertices(pci_scratch *scratch, const pci_halfedge *mesh, const double *weights,
-                          size_t cluster_count, uint32_t first, uint32_t passes, uint32_t *cluster,
-                          uint64_t *iterations) {
+                          const double *scales, size_t cluster_count, uint32_t first,
+                          uint32_t passes, uint32_t *cluster, uint64_t *iterations) {
     clustering c = {.scratch = scratch,
                     .mesh = mesh,
                     .weights = weights,
+                    .scales = scales,
                     .count = cluster_count,
                     .cluster = cluster};
     c.masses = PCI_SCRATCH(scratch, double, cluster_count);

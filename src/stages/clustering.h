@@ -8,13 +8,14 @@
 // Partitions the vertices into `cluster_count` connected clusters, none empty, that minimise
 // sum_i w_i |x_i - centroid of its cluster|^2 over exchanges along edges.
 // @param weights     #V, positive
+// @param scales      #V, lengths count that many times for the seeds; uniform: 1
 // @param first       vertex of the first seed
 // @param cluster     #V, receives values below cluster_count
 // @param iterations  receives the passes done
 // Every component of the mesh gets a cluster if there are at least as many clusters as components.
 // False: out of memory.
 bool pci_cluster_vertices(pci_scratch *scratch, const pci_halfedge *mesh, const double *weights,
-                          size_t cluster_count, uint32_t first, uint32_t passes, uint32_t *cluster,
-                          uint64_t *iterations);
+                          const double *scales, size_t cluster_count, uint32_t first,
+                          uint32_t passes, uint32_t *cluster, uint64_t *iterations);
 
 #endif

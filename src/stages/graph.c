@@ -11,7 +11,7 @@
 static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_graph_options, opposite_reach, DOUBLE, 2.0, 0.1, 10.0, "voxels",
                      "Largest distance of opposite vertices"),
-    PCI_FIELD_OPTION(pc_graph_options, opposite_epsilon, DOUBLE, 0.1, 0.0, 1.0, "",
+    PCI_FIELD_OPTION(pc_graph_options, opposite_epsilon, DOUBLE, 0.4, 0.0, 1.0, "",
                      "epsilon_o: opposite normals have a dot product below -1 + epsilon_o"),
     PCI_FIELD_OPTION(pc_graph_options, inward_offset, DOUBLE, 0.25, 0.0, 2.0, "voxels",
                      "Start of the ray for opposite vertices, outside the vertex"),
@@ -295,22 +295,6 @@ static size_t collect_pairs(const work *w, uint64_t *pairs) {
 
 // ---- stage --------------------------------------------------------------------------------------
 
-static bool mesh_is_valid(const pc_mesh *mesh) {
-    if (mesh == NULL || mesh->vertex_count == 0 || mesh->triangle_count == 0 ||
-        mesh->vertex_count >= PC_INVALID_INDEX || mesh->positions == NULL ||
-        mesh->triangles == NULL) {
-        return false;
-    }
-    bool valid = true;
-    for (size_t i = 0; i < 3 * mesh->vertex_count; ++i) {
-        valid = valid && isfinite(mesh->positions[i]);
-    }
-    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
-        valid = valid && mesh->triangles[i] < mesh->vertex_count;
-    }
-    return valid;
-}
-
 static pc_status build(pc_context *context, pci_scratch *scratch, work *w, pc_graph *graph,
                        pc_graph_report *report) {
     const size_t nv = w->mesh->vertex_count;
@@ -383,7 +367,7 @@ pc_status pc_build_graph(pc_context *context, const pc_mesh *projected, double c
         return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, STAGE,
                         "graph: the output must be a zeroed pc_graph");
     }
-    if (!mesh_is_valid(projected) || !(cell_size > 0.0) || !isfinite(cell_size)) {
+    if (!pci_mesh_is_valid(projected) || !(cell_size > 0.0) || !isfinite(cell_size)) {
         return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, STAGE,
                         "graph: needs a mesh with finite positions and a cell size above 0");
     }

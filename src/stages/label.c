@@ -6,7 +6,7 @@
 #include "core/signed_solve.h"
 
 #define OPTIMAL_GAP     1e-6
-#define WORK_PER_EFFORT UINT64_C(10000000)
+#define WORK_PER_EFFORT UINT64_C(20000000)
 
 static const char *const outcome_choices[] = {"optimal", "feasible", NULL};
 static const pc_field option_fields[] = {
@@ -17,7 +17,7 @@ static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_label_options, lambda_bias, DOUBLE, 1.0, 0.0, 1000000.0, "",
                      "Cost of keeping the inner side, in units of lambda_o"),
     PCI_FIELD_OPTION(pc_label_options, label_effort, UINT, 100, 0, 1000000, "",
-                     "Work budget on top of roof duality"),
+                     "Work budget for what roof duality leaves open; 100 lasts for some seconds"),
 };
 const pc_record pc_label_options_record = PCI_RECORD(option_fields, pc_label_options);
 
@@ -26,16 +26,19 @@ static const pc_field report_fields[] = {
      .type = PC_FIELD_CHOICE,
      .offset = offsetof(pc_label_report, outcome),
      .unit = "",
-     .help = "",
-     .choices = outcome_choices},
-    PCI_FIELD_REPORT(pc_label_report, objective, DOUBLE, "", ""),
-    PCI_FIELD_REPORT(pc_label_report, bound, DOUBLE, "", ""),
-    PCI_FIELD_REPORT(pc_label_report, gap, DOUBLE, "", ""),
-    PCI_FIELD_REPORT(pc_label_report, roof_bound, DOUBLE, "", ""),
-    PCI_FIELD_REPORT(pc_label_report, fixed, COUNT, "", ""),
-    PCI_FIELD_REPORT(pc_label_report, residual, COUNT, "", ""),
-    PCI_FIELD_REPORT(pc_label_report, residual_components, COUNT, "", ""),
-    PCI_FIELD_REPORT(pc_label_report, unproven_components, COUNT, "", ""),
+     .help = "Whether the labels are proven to be optimal",
+     .choices = outcome_choices,
+     .warning = "the labels may not be optimal, see gap"},
+    PCI_FIELD_REPORT(pc_label_report, objective, DOUBLE, "", "Value of the labels, equation (2)"),
+    PCI_FIELD_REPORT(pc_label_report, bound, DOUBLE, "", "No labels have a smaller value"),
+    PCI_FIELD_REPORT(pc_label_report, gap, DOUBLE, "", "(objective - bound) / max(1, objective)"),
+    PCI_FIELD_REPORT(pc_label_report, roof_bound, DOUBLE, "", "Bound of roof duality alone"),
+    PCI_FIELD_REPORT(pc_label_report, fixed, COUNT, "", "Labels that roof duality proves"),
+    PCI_FIELD_REPORT(pc_label_report, residual, COUNT, "", "Labels that it leaves open"),
+    PCI_FIELD_REPORT(pc_label_report, residual_components, COUNT, "",
+                     "Independent parts of the open labels"),
+    PCI_FIELD_REPORT(pc_label_report, unproven_components, COUNT, "",
+                     "Parts that ended without proof"),
 };
 const pc_record pc_label_report_record = PCI_RECORD(report_fields, pc_label_report);
 

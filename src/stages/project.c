@@ -345,22 +345,6 @@ static pc_status run_alternation(problem *p, pci_scratch *scratch, uint32_t iter
 
 // ---- stage --------------------------------------------------------------------------------------
 
-static bool mesh_is_valid(const pc_mesh *mesh) {
-    if (mesh == NULL || mesh->vertex_count == 0 || mesh->triangle_count == 0 ||
-        mesh->vertex_count >= PC_INVALID_INDEX || mesh->positions == NULL ||
-        mesh->triangles == NULL) {
-        return false;
-    }
-    bool valid = true;
-    for (size_t i = 0; i < 3 * mesh->vertex_count; ++i) {
-        valid = valid && isfinite(mesh->positions[i]);
-    }
-    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
-        valid = valid && mesh->triangles[i] < mesh->vertex_count;
-    }
-    return valid;
-}
-
 static pc_status run(problem *p, pci_scratch *scratch, const pc_mesh *isosurface,
                      pc_mesh *projected, pc_project_report *report) {
     pci_topology topology;
@@ -406,7 +390,7 @@ pc_status pc_project(pc_context *context, const pc_mesh *surface, const pc_mesh 
         return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, STAGE,
                         "project: the output must be a zeroed pc_mesh");
     }
-    if (!mesh_is_valid(surface) || !mesh_is_valid(isosurface) || !(cell_size > 0.0) ||
+    if (!pci_mesh_is_valid(surface) || !pci_mesh_is_valid(isosurface) || !(cell_size > 0.0) ||
         !isfinite(cell_size)) {
         return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, STAGE,
                         "project: needs two meshes with finite positions and a cell size above 0");

@@ -155,7 +155,11 @@ bool pci_relax_target(const pci_relaxation *r, uint32_t v, double target[3]) {
         pci_sub(b, a, ab);
         pci_sub(c, a, ac);
         pci_cross(ab, ac, normal);
-        const double area = pci_norm(normal);
+        // The density of a centroidal Voronoi diagram is the fourth power of the inverse size.
+        const double size = (r->scales[r->feet[v]] + r->scales[r->feet[pci_target(coarse, h)]] +
+                             r->scales[r->feet[coarse->corners[pci_previous(h)]]]) /
+                            3.0;
+        const double area = pci_norm(normal) * size * size * size * size;
         for (size_t k = 0; k < 3; ++k) {
             target[k] += area * (a[k] + b[k] + c[k]) / 3.0;
         }

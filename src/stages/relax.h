@@ -10,6 +10,7 @@
 typedef struct pci_relaxation {
     const pci_halfedge *fine;
     const double *fine_normals; // #V by 3, unit
+    const double *scales;       // #V, wanted edges are that many times shorter
     pci_halfedge *coarse;
     uint32_t *feet;  // per coarse vertex
     uint8_t *pinned; // per coarse vertex, 1: does not move

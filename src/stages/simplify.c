@@ -1,18 +1,25 @@
 #include "proxycloth/simplify.h"
 
+#include <stdlib.h>
+
 #include "core/core.h"
 #include "core/halfedge.h"
 #include "core/heap.h"
 #include "core/manifold.h"
 #include "core/topology.h"
 #include "stages/clustering.h"
+#include "stages/contraction.h"
 #include "stages/corners.h"
 #include "stages/fit.h"
+#include "stages/sizing.h"
 
 static const char *const shortfall_choices[] = {"none", "topology", "budget", NULL};
 static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_simplify_options, vertices, UINT, 128, 4, 65536, "",
                      "N_p: vertices of the proxy mesh"),
+    PCI_FIELD_OPTION(pc_simplify_options, narrow_refinement, DOUBLE, 1.5, 1.0, 4.0, "",
+                     "Edges around narrow or strongly curved parts are up to this factor shorter; "
+                     "1: uniform"),
     PCI_FIELD_OPTION(pc_simplify_options, clustering_iterations, UINT, 100, 1, 10000, "",
                      "Passes of boundary exchanges between clusters"),
     PCI_FIELD_OPTION(pc_simplify_options, seed, UINT, 1, 0, 4294967295, "",
@@ -55,19 +62,6 @@ static const double pinned_quality = 0.5;
 // Passes of fitting.
 static const size_t fit_passes = 10;
 
-// What has been merged into each vertex of the coarse mesh.
-typedef struct merging {
-    pci_scratch *scratch;
-    const pci_halfedge *fine;
-    pci_halfedge coarse; // starts as a copy of the fine mesh, same vertex indices
-    const double *areas;
-    const double *arcs;     // half the border edges at each vertex
-    uint32_t *parent;       // union-find: the coarse vertex of a fine one
-    double *area, *arc;     // #V sums
-    double *center, *curve; // #V by 3, sums of positions weighted by areas and arcs
-    double spacing;         // expected edge length of the proxy
-} merging;
-
 static double edge_length(const pci_halfedge *mesh, uint32_t h) {
     return sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)pci_origin(mesh, h)],
                                      &mesh->positions[3 * (size_t)pci_target(mesh, h)]));
@@ -108,242 +102,161 @@ static bool refine(pci_scratch *scratch, pci_halfedge *mesh, size_t vertices) {
     return true;
 }
 
-// Area and border length that belong to each vertex.
-static void measure_vertices(const pci_halfedge *mesh, double *areas, double *arcs) {
-    for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
-        if (mesh->twins[h] == PC_INVALID_INDEX) {
-            const double length = edge_length(mesh, h);
-            arcs[pci_origin(mesh, h)] += 0.5 * length;
-            arcs[pci_target(mesh, h)] += 0.5 * length;
-        }
-        if (h % 3 == 0) {
-            const pc_mesh all = {mesh->vertex_count, mesh->positions, mesh->triangle_count,
-                                 mesh->corners};
-            const double area = pci_triangle_area(&all, h / 3);
-            for (uint32_t c = 0; c < 3; ++c) {
-                areas[mesh->corners[h + c]] += area / 3.0;
-            }
-        }
+// ---- steps ------------------------------------------------------------------------------------
+
+typedef struct part {
+    double area;
+    uint32_t index;
+} part;
+
+static int compare_parts(const void *a, const void *b) { // largest first
+    const part *x = a, *y = b;
+    if (x->area != y->area) {
+        return x->area > y->area ? -1 : 1;
     }
+    return (x->index > y->index) - (x->index < y->index);
 }
 
-// ---- contraction ------------------------------------------------------------------------------
-
-static uint32_t find_root(uint32_t *parent, uint32_t v) {
-    while (parent[v] != v) {
-        parent[v] = parent[parent[v]];
-        v = parent[v];
+// Keeps the parts that get at least one cluster each, and no more than can have three vertices.
+// Afterwards there are at most as many parts as clusters.
+static bool drop_unaffordable(pci_scratch *scratch, pc_mesh *layer, size_t vertices,
+                              uint64_t *dropped) {
+    pci_topology topology;
+    uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
+    if (component == NULL || !pci_topology_build(scratch, layer, &topology)) {
+        return false;
     }
-    return v;
-}
-
-static void merge(merging *m, uint32_t h) {
-    const size_t a = pci_origin(&m->coarse, h), b = pci_target(&m->coarse, h);
-    pci_collapse(&m->coarse, h);
-    m->parent[a] = (uint32_t)b;
-    m->area[b] += m->area[a];
-    m->arc[b] += m->arc[a];
-    for (size_t k = 0; k < 3; ++k) {
-        m->center[3 * b + k] += m->center[3 * a + k];
-        m->curve[3 * b + k] += m->curve[3 * a + k];
+    const size_t count = pci_triangle_components(scratch, layer, &topology, component);
+    part *parts = PCI_SCRATCH(scratch, part, count);
+    uint8_t *drop = PCI_SCRATCH(scratch, uint8_t, count);
+    uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
+    if (scratch->failed) {
+        return false;
     }
-}
-
-// Contracts every cluster as far as the topology allows. A cluster that is a disc and touches the
-// border at most once ends as one vertex, and a triangle is left where three clusters meet: the
-// dual of the clustering. Other clusters (rings around a sleeve, pieces of a strap) keep the
-// vertices that the surface needs there.
-static void contract_clusters(merging *m, const uint32_t *cluster) {
-    size_t merged = 1;
-    while (merged > 0) {
-        merged = 0;
-        for (uint32_t h = 0; h < 3 * m->coarse.triangle_count; ++h) {
-            if (pci_is_edge(&m->coarse, h) &&
-                cluster[pci_origin(&m->coarse, h)] == cluster[pci_target(&m->coarse, h)] &&
-                pci_can_collapse(&m->coarse, h)) {
-                merge(m, h);
-                ++merged;
-            }
-        }
+    for (uint32_t i = 0; i < count; ++i) {
+        parts[i].index = i;
     }
-}
-
-// Rise of sum w |x - mean|^2 when two groups become one.
-static double join_cost(double mass_a, const double *sum_a, double mass_b, const double *sum_b) {
-    if (!(mass_a > 0.0) || !(mass_b > 0.0)) {
-        return 0.0;
+    for (size_t t = 0; t < layer->triangle_count; ++t) {
+        parts[component[t]].area += pci_triangle_area(layer, t);
     }
-    double squared = 0.0;
-    for (size_t k = 0; k < 3; ++k) {
-        const double d = sum_a[k] / mass_a - sum_b[k] / mass_b;
-        squared += d * d;
+    qsort(parts, count, sizeof(*parts), compare_parts);
+    size_t kept = 1;
+    double total = parts[0].area;
+    while (kept < count && 3 * (kept + 1) <= vertices &&
+           parts[kept].area * (double)vertices >= total + parts[kept].area) {
+        total += parts[kept++].area;
     }
-    return mass_a * mass_b / (mass_a + mass_b) * squared;
-}
-
-static double merge_cost(const merging *m, uint32_t h) {
-    const size_t a = pci_origin(&m->coarse, h), b = pci_target(&m->coarse, h);
-    return join_cost(m->area[a], &m->center[3 * a], m->area[b], &m->center[3 * b]) +
-           m->spacing * join_cost(m->arc[a], &m->curve[3 * a], m->arc[b], &m->curve[3 * b]);
-}
-
-// Merges the vertices whose union costs the least clustering energy until `vertices` are left or
-// nothing more can collapse.
-static bool reduce(merging *m, size_t vertices) {
-    size_t merged = 1;
-    while (m->coarse.live_vertices > vertices && merged > 0) {
-        merged = 0;
-        pci_heap cheapest = {0};
-        for (uint32_t h = 0; h < 3 * m->coarse.triangle_count; ++h) {
-            if (pci_is_edge(&m->coarse, h) &&
-                !pci_heap_push(m->scratch, &cheapest, merge_cost(m, h), h)) {
-                return false;
-            }
-        }
-        pci_heap_entry entry;
-        while (m->coarse.live_vertices > vertices && pci_heap_pop(&cheapest, &entry)) {
-            const uint32_t h = entry.item;
-            if (!pci_is_edge(&m->coarse, h) || merge_cost(m, h) != entry.key ||
-                !pci_can_collapse(&m->coarse, h)) {
-                continue;
-            }
-            const uint32_t kept = pci_target(&m->coarse, h);
-            merge(m, h);
-            ++merged;
-            PCI_FOR_OUTGOING(&m->coarse, kept, i) {
-                const uint32_t pair[2] = {i, pci_previous(i)};
-                for (size_t s = 0; s < 2; ++s) {
-                    const uint32_t twin = m->coarse.twins[pair[s]];
-                    const uint32_t edge = twin < pair[s] ? twin : pair[s];
-                    if (!pci_heap_push(m->scratch, &cheapest, merge_cost(m, edge), edge)) {
-                        return false;
-                    }
-                }
-            }
-        }
+    for (size_t i = kept; i < count; ++i) {
+        drop[parts[i].index] = 1;
     }
+    *dropped = count - kept;
+    if (*dropped == 0) {
+        return true;
+    }
+    for (size_t t = 0; t < layer->triangle_count; ++t) {
+        keep[t] = !drop[component[t]];
+    }
+    pc_mesh rest = {0};
+    if (!pci_mesh_compact(scratch, layer, keep, &rest, NULL)) {
+        return false;
+    }
+    pc_mesh_free(scratch->context, layer);
+    *layer = rest;
     return true;
 }
 
-// Positions: the centroid of what was merged; on the border that of the border's part, so that
-// hems do not shrink. Feet: the merged fine vertex next to it.
-static bool place_vertices(merging *m, uint32_t *feet) {
-    const size_t nv = m->fine->vertex_count;
-    double *nearest = PCI_SCRATCH(m->scratch, double, nv);
-    if (nearest == NULL) {
-        return false;
-    }
-    for (uint32_t v = 0; v < nv; ++v) {
-        nearest[v] = INFINITY;
-        feet[v] = PC_INVALID_INDEX;
-        if (m->coarse.outgoing[v] != PC_INVALID_INDEX) {
-            const bool border = pci_is_border_vertex(&m->coarse, v);
-            for (size_t k = 0; k < 3; ++k) {
-                m->coarse.positions[3 * (size_t)v + k] =
-                    border ? m->curve[3 * (size_t)v + k] / m->arc[v]
-                           : m->center[3 * (size_t)v + k] / m->area[v];
-            }
-        }
-    }
-    for (uint32_t v = 0; v < nv; ++v) {
-        const uint32_t root = find_root(m->parent, v);
-        if (pci_is_border_vertex(&m->coarse, root) && !pci_is_border_vertex(m->fine, v)) {
-            continue;
-        }
-        const double distance = pci_squared_distance(&m->fine->positions[3 * (size_t)v],
-                                                     &m->coarse.positions[3 * (size_t)root]);
-        if (distance < nearest[root]) {
-            nearest[root] = distance;
-            feet[root] = v;
-        }
-    }
-    return true;
-}
+// The fine mesh and what belongs to its vertices.
+typedef struct sampling {
+    pci_halfedge mesh;
+    double *normals; // #V by 3, unit
+    double *areas;   // #V, shares of the surface
+    double *arcs;    // #V, shares of the border
+    double *scales;  // #V, how many times shorter edges should be
+    double *weights; // #V, areas times density
+    double total;    // area
+    double spacing;  // edge length of uniform clusters
+} sampling;
 
-static bool begin_merging(pci_scratch *scratch, const pci_halfedge *fine, merging *m) {
-    const size_t nv = fine->vertex_count;
-    double *areas = PCI_SCRATCH(scratch, double, nv), *arcs = PCI_SCRATCH(scratch, double, nv);
-    *m = (merging){.scratch = scratch, .fine = fine, .areas = areas, .arcs = arcs};
-    m->parent = PCI_SCRATCH(scratch, uint32_t, nv);
-    m->area = PCI_SCRATCH(scratch, double, nv);
-    m->arc = PCI_SCRATCH(scratch, double, nv);
-    m->center = PCI_SCRATCH(scratch, double, 3 * nv);
-    m->curve = PCI_SCRATCH(scratch, double, 3 * nv);
-    if (scratch->failed || !pci_halfedge_copy(scratch, fine, &m->coarse)) {
+static bool begin_sampling(pci_scratch *scratch, const pc_mesh *layer, size_t vertices,
+                           sampling *s) {
+    if (!pci_halfedge_build(scratch, layer, &s->mesh) ||
+        !refine(scratch, &s->mesh, samples_per_cluster * vertices)) {
         return false;
     }
-    measure_vertices(fine, areas, arcs);
-    double total = 0.0;
-    for (size_t v = 0; v < nv; ++v) {
-        total += areas[v];
+    const size_t nv = s->mesh.vertex_count;
+    s->normals = PCI_SCRATCH(scratch, double, 3 * nv);
+    s->areas = PCI_SCRATCH(scratch, double, nv);
+    s->arcs = PCI_SCRATCH(scratch, double, nv);
+    s->scales = PCI_SCRATCH(scratch, double, nv);
+    s->weights = PCI_SCRATCH(scratch, double, nv);
+    if (scratch->failed) {
+        return false;
+    }
+    const pc_mesh mesh = {nv, s->mesh.positions, s->mesh.triangle_count, s->mesh.corners};
+    pci_vertex_normals(&mesh, s->normals);
+    s->total = 0.0;
+    for (size_t t = 0; t < mesh.triangle_count; ++t) {
+        const double area = pci_triangle_area(&mesh, t);
+        s->total += area;
+        for (size_t c = 0; c < 3; ++c) {
+            s->areas[mesh.triangles[3 * t + c]] += area / 3.0;
+        }
+    }
+    for (uint32_t h = 0; h < 3 * mesh.triangle_count; ++h) {
+        if (s->mesh.twins[h] == PC_INVALID_INDEX) {
+            const double length = edge_length(&s->mesh, h);
+            s->arcs[pci_origin(&s->mesh, h)] += 0.5 * length;
+            s->arcs[pci_target(&s->mesh, h)] += 0.5 * length;
+        }
     }
     for (size_t v = 0; v < nv; ++v) {
         // Degenerate triangles must not leave a vertex without weight.
-        areas[v] = fmax(areas[v], 1e-9 * total / (double)nv);
-        m->parent[v] = (uint32_t)v;
-        m->area[v] = areas[v];
-        m->arc[v] = arcs[v];
-        for (size_t k = 0; k < 3; ++k) {
-            m->center[3 * v + k] = areas[v] * fine->positions[3 * v + k];
-            m->curve[3 * v + k] = arcs[v] * fine->positions[3 * v + k];
-        }
+        s->areas[v] = fmax(s->areas[v], 1e-9 * s->total / (double)nv);
+        s->weights[v] = s->areas[v];
+        s->scales[v] = 1.0;
     }
+    s->spacing = sqrt(2.0 / sqrt(3.0) * s->total / (double)vertices);
     return true;
 }
 
-// ---- steps ------------------------------------------------------------------------------------
-
-// Drops parts that would get less than one cluster. Returns false when memory ran out.
-static bool drop_unaffordable(pci_scratch *scratch, pc_mesh *layer, size_t vertices,
-                              uint64_t *dropped) {
-    *dropped = 0;
-    for (;;) {
-        // The largest part always stays, so this ends.
-        pci_topology topology;
-        uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
-        if (component == NULL || !pci_topology_build(scratch, layer, &topology)) {
-            return false;
-        }
-        const size_t count = pci_triangle_components(scratch, layer, &topology, component);
-        double *areas = PCI_SCRATCH(scratch, double, count);
-        if (areas == NULL) {
-            return false;
-        }
-        double total = 0.0, largest = 0.0;
-        for (size_t t = 0; t < layer->triangle_count; ++t) {
-            const double area = pci_triangle_area(layer, t);
-            areas[component[t]] += area;
-            total += area;
-        }
-        for (size_t i = 0; i < count; ++i) {
-            largest = fmax(largest, areas[i]);
-        }
-        uint64_t now = 0;
-        const double needed = fmax(total / (double)vertices, count > vertices / 3 ? largest : 0.0);
-        if (!pci_drop_small_parts(scratch, layer, fmin(needed / largest, 1.0), &now)) {
-            return false;
-        }
-        *dropped += now;
-        if (now == 0) {
-            return true;
-        }
+// Clusters uniformly, then again with smaller clusters where the first ones are too wide.
+static bool cluster_samples(pci_scratch *scratch, sampling *s, const pc_simplify_options *options,
+                            uint32_t *cluster, uint64_t *iterations) {
+    const size_t nv = s->mesh.vertex_count;
+    const uint32_t first = (uint32_t)(pci_random(options->seed, 0, 0) * (double)nv);
+    if (!pci_cluster_vertices(scratch, &s->mesh, s->weights, s->scales, options->vertices, first,
+                              options->clustering_iterations, cluster, iterations)) {
+        return false;
     }
+    if (options->narrow_refinement == 1.0) {
+        return true;
+    }
+    if (!pci_size_clusters(scratch, &s->mesh, s->normals, s->areas, s->arcs, cluster,
+                           options->vertices, s->spacing, options->narrow_refinement, s->scales)) {
+        return false;
+    }
+    for (size_t v = 0; v < nv; ++v) {
+        // The density of a centroidal Voronoi diagram is the fourth power of the inverse size.
+        s->weights[v] = s->areas[v] * pow(s->scales[v], 4.0);
+    }
+    return pci_cluster_vertices(scratch, &s->mesh, s->weights, s->scales, options->vertices, first,
+                                options->clustering_iterations, cluster, iterations);
 }
 
 // Puts the nearest border vertex on each corner of the border, once.
-static bool pin_corners(const merging *m, pci_relaxation *r) {
-    const pci_halfedge *fine = m->fine;
-    uint8_t *corners = PCI_SCRATCH(m->scratch, uint8_t, fine->vertex_count);
-    if (corners == NULL || !pci_find_corners(m->scratch, fine, 0.5 * m->spacing, corners)) {
+static bool pin_corners(pci_scratch *scratch, const sampling *s, const uint32_t *nearby,
+                        pci_relaxation *r) {
+    uint8_t *corners = PCI_SCRATCH(scratch, uint8_t, s->mesh.vertex_count);
+    if (corners == NULL || !pci_find_corners(scratch, &s->mesh, 0.5 * s->spacing, corners)) {
         return false;
     }
-    for (uint32_t v = 0; v < fine->vertex_count; ++v) {
+    for (uint32_t v = 0; v < s->mesh.vertex_count; ++v) {
         if (!corners[v]) {
             continue;
         }
         // The vertex that the corner was merged into, or one of its neighbours on the border.
-        const double *corner = &fine->positions[3 * (size_t)v];
-        const uint32_t own = m->parent[v];
+        const double *corner = &s->mesh.positions[3 * (size_t)v];
+        const uint32_t own = nearby[v];
         const uint32_t candidates[3] = {own, pci_target(r->coarse, r->coarse->outgoing[own]),
                                         pci_origin(r->coarse, pci_border_incoming(r->coarse, own))};
         uint32_t best = PC_INVALID_INDEX;
@@ -366,32 +279,15 @@ static bool pin_corners(const merging *m, pci_relaxation *r) {
 }
 
 // Evens out the coarse mesh on the fine one, then fits its triangles to it.
-static bool relax_and_fit(merging *m, pci_halfedge *coarse, const uint32_t *kept,
-                          const uint32_t *fine_feet) {
-    const pci_halfedge *fine = m->fine;
-    double *normals = PCI_SCRATCH(m->scratch, double, 3 * fine->vertex_count);
-    uint32_t *feet = PCI_SCRATCH(m->scratch, uint32_t, coarse->vertex_count);
-    uint32_t *number = PCI_SCRATCH(m->scratch, uint32_t, fine->vertex_count);
-    uint8_t *pinned = PCI_SCRATCH(m->scratch, uint8_t, coarse->vertex_count);
-    if (m->scratch->failed) {
+static bool relax_and_fit(pci_scratch *scratch, const sampling *s, pci_halfedge *coarse,
+                          uint32_t *feet, const uint32_t *nearby) {
+    uint8_t *pinned = PCI_SCRATCH(scratch, uint8_t, coarse->vertex_count);
+    if (pinned == NULL) {
         return false;
     }
-    const pc_mesh fine_mesh = {fine->vertex_count, fine->positions, fine->triangle_count,
-                               fine->corners};
-    pci_vertex_normals(&fine_mesh, normals);
-    for (uint32_t v = 0; v < coarse->vertex_count; ++v) {
-        feet[v] = fine_feet[kept[v]];
-        number[kept[v]] = v;
-    }
-    for (uint32_t v = 0; v < fine->vertex_count; ++v) {
-        m->parent[v] = find_root(m->parent, v);
-    }
-    for (uint32_t v = 0; v < fine->vertex_count; ++v) {
-        m->parent[v] = number[m->parent[v]];
-    }
-    pci_relaxation relaxation = {fine, normals, coarse, feet, pinned};
+    pci_relaxation relaxation = {&s->mesh, s->normals, s->scales, coarse, feet, pinned};
     pci_relax_place(&relaxation);
-    if (!pin_corners(m, &relaxation)) {
+    if (!pin_corners(scratch, s, nearby, &relaxation)) {
         return false;
     }
     for (size_t pass = 0; pass < relax_passes && pci_relax_pass(&relaxation) > 0; ++pass) {
@@ -400,7 +296,7 @@ static bool relax_and_fit(merging *m, pci_halfedge *coarse, const uint32_t *kept
     for (uint32_t v = 0; v < coarse->vertex_count; ++v) {
         pinned[v] = pinned[v] && pci_relax_quality(&relaxation, v) >= pinned_quality;
     }
-    return pci_fit(m->scratch, &relaxation, m->parent, m->areas, m->arcs, m->spacing, fit_passes);
+    return pci_fit(scratch, &relaxation, nearby, s->areas, s->arcs, s->spacing, fit_passes);
 }
 
 static pc_status measure(pci_scratch *scratch, const pc_mesh *mesh, size_t wanted,
@@ -426,43 +322,37 @@ static pc_status measure(pci_scratch *scratch, const pc_mesh *mesh, size_t wante
 static pc_status simplify(pci_scratch *scratch, pc_mesh *layer, const pc_simplify_options *options,
                           pc_mesh *proxy, pc_simplify_report *report) {
     pc_context *context = scratch->context;
-    pci_halfedge fine, coarse;
-    merging m;
+    sampling s = {0};
     if (!drop_unaffordable(scratch, layer, options->vertices, &report->dropped_parts) ||
-        !pci_halfedge_build(scratch, layer, &fine) ||
-        !refine(scratch, &fine, samples_per_cluster * options->vertices) ||
-        !begin_merging(scratch, &fine, &m)) {
+        !begin_sampling(scratch, layer, options->vertices, &s)) {
         return pci_fail_memory(context, "simplify");
+    }
+    if (!(s.total > 0.0)) {
+        return pci_fail(context, PC_ERROR_NO_PROXY, "simplify",
+                        "simplify: the single layer has no area");
     }
     if (!pci_progress(context, "simplify", 0.2)) {
         return pci_fail_cancelled(context, "simplify");
     }
-    double total = 0.0;
-    for (size_t v = 0; v < fine.vertex_count; ++v) {
-        total += m.areas[v];
-    }
-    if (!(total > 0.0)) {
-        return pci_fail(context, PC_ERROR_NO_PROXY, "simplify",
-                        "simplify: the single layer has no area");
-    }
-    m.spacing = sqrt(2.0 / sqrt(3.0) * total / options->vertices);
-    uint32_t *cluster = PCI_SCRATCH(scratch, uint32_t, fine.vertex_count);
-    uint32_t *feet = PCI_SCRATCH(scratch, uint32_t, fine.vertex_count);
-    uint32_t *kept = NULL;
-    const uint32_t first = (uint32_t)(pci_random(options->seed, 0, 0) * (double)fine.vertex_count);
-    if (scratch->failed ||
-        !pci_cluster_vertices(scratch, &fine, m.areas, options->vertices, first,
-                              options->clustering_iterations, cluster, &report->iterations)) {
+    uint32_t *cluster = PCI_SCRATCH(scratch, uint32_t, s.mesh.vertex_count);
+    if (cluster == NULL || !cluster_samples(scratch, &s, options, cluster, &report->iterations)) {
         return pci_fail_memory(context, "simplify");
     }
     if (!pci_progress(context, "simplify", 0.6)) {
         return pci_fail_cancelled(context, "simplify");
     }
-    contract_clusters(&m, cluster);
-    report->surplus_vertices = m.coarse.live_vertices - options->vertices;
-    if (!reduce(&m, options->vertices) || !place_vertices(&m, feet) ||
-        !pci_halfedge_export(&m.coarse, proxy, &kept) ||
-        !pci_halfedge_build(scratch, proxy, &coarse) || !relax_and_fit(&m, &coarse, kept, feet)) {
+    pci_contraction contraction;
+    pci_halfedge coarse;
+    uint32_t *feet = NULL, *nearby = NULL;
+    if (!pci_contraction_begin(scratch, &s.mesh, s.weights, s.arcs, s.spacing, &contraction)) {
+        return pci_fail_memory(context, "simplify");
+    }
+    pci_contract_clusters(&contraction, cluster);
+    report->surplus_vertices = contraction.coarse.live_vertices - options->vertices;
+    if (!pci_contract_to(&contraction, options->vertices) ||
+        !pci_contraction_result(&contraction, proxy, &feet, &nearby) ||
+        !pci_halfedge_build(scratch, proxy, &coarse) ||
+        !relax_and_fit(scratch, &s, &coarse, feet, nearby)) {
         return pci_fail_memory(context, "simplify");
     }
     memcpy(proxy->positions, coarse.positions, 3 * proxy->vertex_count * sizeof(double));

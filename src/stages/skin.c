@@ -20,10 +20,11 @@ static const pc_field option_fields[] = {
                      "Weight of L_c"),
     PCI_FIELD_OPTION(pc_skin_options, lambda_attachment, DOUBLE, 0.1, 0.0, 1000000.0, "",
                      "Weight of L_a"),
-    PCI_FIELD_OPTION(pc_skin_options, epochs, UINT, 200, 0, 100000, "", "Passes over all frames"),
+    PCI_FIELD_OPTION(pc_skin_options, epochs, UINT, 100, 0, 100000, "epochs",
+                     "Passes over all frames"),
     PCI_FIELD_OPTION(pc_skin_options, batch, UINT, 16, 1, 100000, "frames", "Frames per step"),
-    PCI_FIELD_OPTION(pc_skin_options, learning_rate, DOUBLE, 0.001, 1e-08, 10.0, "",
-                     "Step of AdamW"),
+    PCI_FIELD_OPTION(pc_skin_options, learning_rate, DOUBLE, 0.005, 1e-08, 10.0, "",
+                     "Step of AdamW, falls to 0 in the last 40 % of the epochs"),
     PCI_FIELD_OPTION(pc_skin_options, weight_decay, DOUBLE, 0.01, 0.0, 1.0, "",
                      "Decoupled weight decay of AdamW"),
     PCI_FIELD_OPTION(pc_skin_options, seed, UINT, 1, 0, 4294967295, "",
@@ -151,7 +152,7 @@ typedef struct candidate_job {
     double *surrogate; // #V by slots
 } candidate_job;
 
-enum { CANDIDATES_MAX = 32 };
+enum { CANDIDATES_MAX = 32, PHASES = 3 };
 static const double distance_share = 0.1; // of the first guess
 
 // Candidates of one vertex: the corners of the closest triangle, then the nearest proxy vertices.
@@ -299,21 +300,22 @@ static pc_status measure(pci_scratch *scratch, const fit *f, double losses[3], d
     return status;
 }
 
-static pc_status descend(const fit *f, uint32_t epochs, bool decay, double progress_begin,
-                         double progress_end) {
+// The share of the epochs from `begin` to `end`; the last ones with a falling learning rate.
+static pc_status descend(const fit *f, double begin, double end) {
     const pc_skin_options *o = f->options;
+    const double epochs = (double)o->epochs;
     const pci_skin_descent settings = {
         .lambda = {o->lambda_rigid, o->lambda_collision, o->lambda_attachment},
-        .epochs = epochs,
+        .epochs = (uint32_t)round(end * epochs) - (uint32_t)round(begin * epochs),
         .batch = o->batch,
         .learning_rate = o->learning_rate,
         .weight_decay = o->weight_decay,
         // The loss is a mean over the vertices; so is the scale of its gradient.
         .epsilon = 1e-8 / (double)f->problem.vertex_count,
-        .decay = decay,
+        .decay = end == 1.0,
         .seed = o->seed,
-        .progress_begin = progress_begin,
-        .progress_end = progress_end,
+        .progress_begin = begin,
+        .progress_end = end,
     };
     return pci_skin_descend(f->context, &f->problem, pci_skin_kernel_float(), &settings,
                             f->surrogate);
@@ -416,27 +418,26 @@ pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface, const pc
     fit f = {.context = context, .options = options};
     double losses[3];
     uint64_t reflections = 0;
-    const uint32_t late = options->epochs * 2 / 5;
     status = prepare(&scratch, surface, proxy, motion, &f);
     if (status == PC_OK) {
         status = measure(&scratch, &f, losses, &r.loss_before, &reflections);
         r.rigid_before = losses[0], r.collision_before = losses[1], r.attachment_before = losses[2];
     }
-    const uint32_t kept =
-        options->influences < f.problem.slots ? options->influences : f.problem.slots;
-    // All candidates, then the K heaviest again: cutting alone would cost most of the gain.
-    const bool cutting = kept < f.problem.slots;
-    if (status == PC_OK && cutting) {
-        status = descend(&f, options->epochs - late, false, 0.0, 0.6);
+    // All candidates, half way, K: cutting alone would lose most of the gain.
+    const uint32_t slots = f.problem.slots;
+    const uint32_t kept = options->influences < slots ? options->influences : slots;
+    const uint32_t widths[PHASES] = {slots, (slots + kept + 1) / 2, kept};
+    static const double ends[PHASES] = {0.4, 0.6, 1.0};
+    for (size_t phase = 0; phase < PHASES && status == PC_OK; ++phase) {
+        if (widths[phase] < f.problem.slots) {
+            status = cut(&scratch, &f, widths[phase]);
+        }
         if (status == PC_OK) {
+            status = descend(&f, phase == 0 ? 0.0 : ends[phase - 1], ends[phase]);
+        }
+        if (status == PC_OK && phase == 0) {
             status = measure(&scratch, &f, losses, &r.full_loss, &reflections);
         }
-        if (status == PC_OK) {
-            status = cut(&scratch, &f, kept);
-        }
-    }
-    if (status == PC_OK) {
-        status = descend(&f, cutting ? late : options->epochs, true, cutting ? 0.6 : 0.0, 1.0);
     }
     if (status == PC_OK) {
         status = measure(&scratch, &f, losses, &r.loss_after, &r.reflections);

@@ -8,7 +8,7 @@
 
 typedef REAL NAME(vec) __attribute__((vector_size(LANES * sizeof(REAL)), may_alias));
 typedef INTEGER NAME(mask) __attribute__((vector_size(LANES * sizeof(REAL)), may_alias));
-#define VEC NAME(vec)
+#define VEC  NAME(vec)
 #define MASK NAME(mask)
 
 static inline __attribute__((always_inline)) const VEC *NAME(at)(const REAL *p) {
@@ -156,8 +156,8 @@ static inline __attribute__((always_inline)) VEC NAME(loss)(const pci_skin_edges
         const REAL *uj = &displacements[3 * PCI_BLOCK * (size_t)edges->targets[k] + lane];
         const REAL ex = e[3 * k], ey = e[3 * k + 1], ez = e[3 * k + 2];
         const VEC x = ex + (LOAD(u) - LOAD(uj)) - (r[0] * ex + r[1] * ey + r[2] * ez);
-        const VEC y = ey + (LOAD(u + PCI_BLOCK) - LOAD(uj + PCI_BLOCK)) -
-                      (r[3] * ex + r[4] * ey + r[5] * ez);
+        const VEC y =
+            ey + (LOAD(u + PCI_BLOCK) - LOAD(uj + PCI_BLOCK)) - (r[3] * ex + r[4] * ey + r[5] * ez);
         const VEC z = ez + (LOAD(u + 2 * PCI_BLOCK) - LOAD(uj + 2 * PCI_BLOCK)) -
                       (r[6] * ex + r[7] * ey + r[8] * ez);
         sum += x * x + y * y + z * z;
@@ -198,8 +198,8 @@ static inline __attribute__((always_inline)) void NAME(covariance)(const pci_ski
 // The rotations of one term, out = sum e(t), and part += scale * (out - R sum e(0)).
 static inline __attribute__((always_inline)) void
 NAME(fit_term)(const pci_skin_data *data, const pci_skin_edges *edges, size_t v, size_t lane,
-               REAL scale, REAL *quaternion, REAL *rotation, VEC part[3], VEC out[3], double *losses,
-               uint64_t *reflections) {
+               REAL scale, REAL *quaternion, REAL *rotation, VEC part[3], VEC out[3],
+               double *losses, uint64_t *reflections) {
     const REAL *displacements = data->displacements;
     const REAL *constant = (const REAL *)edges->constants + 13 * v;
     VEC s[9], q[4], r[9];
@@ -216,8 +216,7 @@ NAME(fit_term)(const pci_skin_data *data, const pci_skin_edges *edges, size_t v,
     }
     const REAL bx = constant[9], by = constant[10], bz = constant[11];
     for (size_t k = 0; k < 3; ++k) {
-        part[k] +=
-            scale * (out[k] - (r[3 * k] * bx + r[3 * k + 1] * by + r[3 * k + 2] * bz));
+        part[k] += scale * (out[k] - (r[3 * k] * bx + r[3 * k + 1] * by + r[3 * k + 2] * bz));
     }
     if (losses != NULL) {
         const VEC loss = NAME(loss)(edges, displacements, v, lane, r);
@@ -246,8 +245,8 @@ static void NAME(fit)(const pci_skin_data *data, size_t begin, size_t end, pci_s
             REAL *quaternion = &quaternions[8 * PCI_BLOCK * v + lane];
             REAL *rotation = &rotations[18 * PCI_BLOCK * v + lane];
             REAL *residual = &residuals[6 * PCI_BLOCK * v + lane];
-            if (quaternion[0] == 0 && quaternion[PCI_BLOCK] == 0 && quaternion[2 * PCI_BLOCK] == 0 &&
-                quaternion[3 * PCI_BLOCK] == 0) {
+            if (quaternion[0] == 0 && quaternion[PCI_BLOCK] == 0 &&
+                quaternion[2 * PCI_BLOCK] == 0 && quaternion[3 * PCI_BLOCK] == 0) {
                 // First visit: the rotations of the vertex before are a good guess.
                 for (size_t k = 0; k < 8; ++k) {
                     VEC guess = (VEC){0} + (REAL)(k % 4 == 0);
@@ -264,18 +263,19 @@ static void NAME(fit)(const pci_skin_data *data, size_t begin, size_t end, pci_s
                 a[k] = attachment_rest[3 * v + k] + LOAD(u + k * PCI_BLOCK);
             }
             for (size_t e = data->near.offsets[v]; e < data->near.offsets[v + 1]; ++e) {
-                const REAL *uj = &displacements[3 * PCI_BLOCK * (size_t)data->near.targets[e] + lane];
+                const REAL *uj =
+                    &displacements[3 * PCI_BLOCK * (size_t)data->near.targets[e] + lane];
                 a[0] -= near_weights[e] * LOAD(uj);
                 a[1] -= near_weights[e] * LOAD(uj + PCI_BLOCK);
                 a[2] -= near_weights[e] * LOAD(uj + 2 * PCI_BLOCK);
             }
             VEC ring[3], near[3];
-            NAME(fit_term)(data, &data->ring, v, lane, rigid, quaternion, rotation, part, ring,
-                           sums != NULL ? sums->rigid : NULL,
-                           sums != NULL ? sums->reflections : NULL);
-            NAME(fit_term)(data, &data->near, v, lane, collision, quaternion + 4 * PCI_BLOCK,
-                           rotation + 9 * PCI_BLOCK, part, near,
-                           sums != NULL ? sums->collision : NULL, NULL);
+            NAME(fit_term)
+            (data, &data->ring, v, lane, rigid, quaternion, rotation, part, ring,
+             sums != NULL ? sums->rigid : NULL, sums != NULL ? sums->reflections : NULL);
+            NAME(fit_term)
+            (data, &data->near, v, lane, collision, quaternion + 4 * PCI_BLOCK,
+             rotation + 9 * PCI_BLOCK, part, near, sums != NULL ? sums->collision : NULL, NULL);
             // The edges j -> i add their e(t) too; in the ring those are the same edges.
             const REAL *incoming_vectors = data->incoming_vectors;
             VEC incoming[3] = {{0}, {0}, {0}};
@@ -330,10 +330,11 @@ static void NAME(gradient)(const pci_skin_data *data, size_t begin, size_t end) 
         const size_t in_begin = data->incoming_offsets[v], in_end = data->incoming_offsets[v + 1];
         for (size_t lane = 0; lane < PCI_BLOCK; lane += LANES) {
             VEC ring[3], near[3], attached[3] = {{0}, {0}, {0}};
-            NAME(gather_rotated)(data->ring.targets, data->ring.vectors, ring_begin, ring_end,
-                                 rotations + lane, ring);
-            NAME(gather_rotated)(data->incoming, incoming_vectors, in_begin, in_end,
-                                 rotations + 9 * PCI_BLOCK + lane, near);
+            NAME(gather_rotated)
+            (data->ring.targets, data->ring.vectors, ring_begin, ring_end, rotations + lane, ring);
+            NAME(gather_rotated)
+            (data->incoming, incoming_vectors, in_begin, in_end, rotations + 9 * PCI_BLOCK + lane,
+             near);
             for (size_t e = in_begin; e < in_end; ++e) {
                 const REAL *a = &residuals[6 * PCI_BLOCK * (size_t)data->incoming[e] + lane];
                 for (size_t k = 0; k < 3; ++k) {

@@ -14,8 +14,8 @@ typedef struct workspace {
     const pci_skin_kernel *kernel;
     pci_skin_data data;
     size_t block_count;
-    uint32_t *frames; // #blocks by PCI_BLOCK, PC_INVALID_INDEX where a block is not full
-    char *drivers;    // #blocks, see pci_skin_data
+    const uint32_t *frames; // #blocks by PCI_BLOCK, PC_INVALID_INDEX where a block is not full
+    char *drivers;          // #blocks, see pci_skin_data
     char *quaternions;
     size_t driver_size, quaternion_size; // bytes per block
     double unit;                         // lengths are multiplied by this
@@ -154,11 +154,11 @@ static void fill_driver(const workspace *w, size_t block) {
     }
 }
 
-// `order` is a permutation of the frames, cut into `block_count` blocks of nearly equal size.
+// `frames`: #blocks by PCI_BLOCK, the frames of each block, PC_INVALID_INDEX where it is not full.
 // `kept_blocks`: 1 to hold one block at a time, block_count to hold all.
 static bool build_workspace(pci_scratch *scratch, const pci_skin_problem *problem,
                             const pci_skin_kernel *kernel, size_t block_count,
-                            const uint32_t *order, size_t kept_blocks, workspace *w) {
+                            const uint32_t *frames, size_t kept_blocks, workspace *w) {
     const size_t nv = problem->vertex_count;
     memset(w, 0, sizeof(*w));
     w->context = scratch->context;
@@ -177,7 +177,7 @@ static bool build_workspace(pci_scratch *scratch, const pci_skin_problem *proble
     w->data.bones = problem->bones;
     w->driver_size = 3 * PCI_BLOCK * problem->proxy_count * kernel->real_size;
     w->quaternion_size = 8 * PCI_BLOCK * nv * kernel->real_size;
-    w->frames = PCI_SCRATCH(scratch, uint32_t, PCI_BLOCK * block_count);
+    w->frames = frames;
     w->drivers =
         allocate_reals(scratch, kernel, block_count * 3 * PCI_BLOCK * problem->proxy_count);
     w->quaternions = allocate_reals(scratch, kernel, kept_blocks * 8 * PCI_BLOCK * nv);
@@ -191,13 +191,7 @@ static bool build_workspace(pci_scratch *scratch, const pci_skin_problem *proble
         !convert_near(scratch, w)) {
         return false;
     }
-    memset(w->frames, 0xff, PCI_BLOCK * block_count * sizeof(*w->frames));
     for (size_t b = 0; b < block_count; ++b) {
-        const size_t begin = b * problem->frame_count / block_count;
-        const size_t end = (b + 1) * problem->frame_count / block_count;
-        for (size_t f = begin; f < end; ++f) {
-            w->frames[b * PCI_BLOCK + (f - begin)] = order[f];
-        }
         fill_driver(w, b);
     }
     return true;
@@ -240,17 +234,22 @@ static void run_pass(workspace *w, pci_parallel_body body, pci_skin_sums *sums) 
     pci_parallel_for(w->context, w->problem->vertex_count, PIECE, body, &job);
 }
 
-// A workspace with the frames in their order and room for one block.
+// A workspace with room for one block. Each lane walks through consecutive frames from block to
+// block, so the rotations of a frame are a good guess for the next.
 static bool build_sequential(pci_scratch *scratch, const pci_skin_problem *problem,
                              const pci_skin_kernel *kernel, const double *weights, workspace *w) {
-    uint32_t *order = PCI_SCRATCH(scratch, uint32_t, problem->frame_count);
+    const size_t frame_count = problem->frame_count;
+    const size_t block_count = (frame_count + PCI_BLOCK - 1) / PCI_BLOCK;
+    uint32_t *order = PCI_SCRATCH(scratch, uint32_t, PCI_BLOCK * block_count);
     if (order == NULL) {
         return false;
     }
-    for (size_t f = 0; f < problem->frame_count; ++f) {
-        order[f] = (uint32_t)f;
+    for (size_t b = 0; b < block_count; ++b) {
+        for (size_t lane = 0; lane < PCI_BLOCK; ++lane) {
+            const size_t f = lane * block_count + b;
+            order[b * PCI_BLOCK + lane] = f < frame_count ? (uint32_t)f : PC_INVALID_INDEX;
+        }
     }
-    const size_t block_count = (problem->frame_count + PCI_BLOCK - 1) / PCI_BLOCK;
     if (!build_workspace(scratch, problem, kernel, block_count, order, 1, w)) {
         return false;
     }
@@ -465,6 +464,7 @@ pc_status pci_skin_descend(pc_context *context, const pci_skin_problem *problem,
     const size_t step_count = (block_count + per_step - 1) / per_step;
     descent d = {.settings = settings, .surrogate = surrogate};
     uint32_t *order = PCI_SCRATCH(&scratch, uint32_t, problem->frame_count);
+    uint32_t *frames = PCI_SCRATCH(&scratch, uint32_t, PCI_BLOCK * block_count);
     uint32_t *steps = PCI_SCRATCH(&scratch, uint32_t, step_count);
     d.first = PCI_SCRATCH(&scratch, double, count);
     d.second = PCI_SCRATCH(&scratch, double, count);
@@ -478,10 +478,16 @@ pc_status pci_skin_descend(pc_context *context, const pci_skin_problem *problem,
         order[f] = (uint32_t)f;
     }
     shuffle(order, problem->frame_count, settings->seed, 1);
+    memset(frames, 0xff, PCI_BLOCK * block_count * sizeof(*frames));
+    for (size_t b = 0; b < block_count; ++b) {
+        const size_t begin = b * problem->frame_count / block_count;
+        const size_t end = (b + 1) * problem->frame_count / block_count;
+        memcpy(&frames[b * PCI_BLOCK], &order[begin], (end - begin) * sizeof(*frames));
+    }
     for (size_t i = 0; i < step_count; ++i) {
         steps[i] = (uint32_t)i;
     }
-    if (!build_workspace(&scratch, problem, kernel, block_count, order, block_count, &d.w)) {
+    if (!build_workspace(&scratch, problem, kernel, block_count, frames, block_count, &d.w)) {
         status = pci_fail_memory(context, stage_name);
         goto cleanup;
     }

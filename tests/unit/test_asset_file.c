@@ -1,7 +1,10 @@
 #define _POSIX_C_SOURCE 200809L
 #include <hdf5.h>
+#include <pthread.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -422,13 +425,13 @@ static void missing_options_have_their_default(void **state) {
     pc_context_destroy(context);
 }
 
-// Loads damaged bytes: an error with an empty asset, or an asset that can be saved again.
+// Loads damaged bytes: an error with an empty asset (false), or a whole asset.
 static bool load_damaged(pc_context *context, const void *data, size_t size) {
     write_bytes(path, data, size);
     pc_asset asset = {0};
     const pc_status status = pc_asset_load(context, path, &asset);
     if (status == PC_OK) {
-        assert_ok(context, pc_asset_save(context, &asset, other_path));
+        assert_non_null(asset.skin.weights);
         pc_asset_free(context, &asset);
         return true;
     }
@@ -556,6 +559,73 @@ static void unwritable_targets_are_reported(void **state) {
     pc_context_destroy(context);
 }
 
+// A full disk: an error that says so, the old file, and no temporary file (see remove_folder).
+static void full_disks_are_reported(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_asset asset;
+    fixture_asset(context, 4, &asset);
+    write_bytes(path, "old", 3);
+    struct rlimit before, small;
+    assert_int_equal(getrlimit(RLIMIT_FSIZE, &before), 0);
+    small = before;
+    small.rlim_cur = 1000;
+    void (*handler)(int) = signal(SIGXFSZ, SIG_IGN);
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &small), 0);
+    const pc_status status = pc_asset_save(context, &asset, path);
+    setrlimit(RLIMIT_FSIZE, &before);
+    signal(SIGXFSZ, handler);
+    assert_int_equal(status, PC_ERROR_IO);
+    assert_non_null(strstr(pc_context_error(context)->message, "File too large"));
+    bytes old = read_bytes(path);
+    assert_string_equal((char *)old.data, "old");
+    free(old.data);
+    pc_asset_free(context, &asset);
+    pc_context_destroy(context);
+}
+
+typedef struct worker {
+    pthread_t thread;
+    char path[64];
+    unsigned failures;
+} worker;
+
+static void *save_and_load(void *user) {
+    worker *w = user;
+    pc_context *context = test_context(1);
+    pc_asset asset, back = {0};
+    fixture_asset(context, 4, &asset);
+    for (size_t i = 0; i < 10; ++i) {
+        w->failures += pc_asset_save(context, &asset, w->path) != PC_OK;
+        w->failures += pc_asset_load(context, w->path, &back) != PC_OK;
+        pc_asset_free(context, &back);
+    }
+    pc_asset_free(context, &asset);
+    pc_context_destroy(context);
+    return NULL;
+}
+
+// Two contexts on two threads do not notice each other.
+static void threads_save_side_by_side(void **state) {
+    (void)state;
+    hbool_t safe = 0;
+    H5is_library_threadsafe(&safe);
+    if (!safe) {
+        skip();
+    }
+    worker workers[2] = {{.failures = 0}};
+    memcpy(workers[0].path, path, sizeof(path));
+    memcpy(workers[1].path, other_path, sizeof(path));
+    for (size_t i = 0; i < 2; ++i) {
+        assert_int_equal(pthread_create(&workers[i].thread, NULL, save_and_load, &workers[i]), 0);
+    }
+    for (size_t i = 0; i < 2; ++i) {
+        pthread_join(workers[i].thread, NULL);
+        assert_int_equal(workers[i].failures, 0);
+    }
+    assert_same_file(path, other_path);
+}
+
 static herr_t count_report(hid_t stack, void *user) {
     (void)stack;
     ++*(int *)user;
@@ -608,6 +678,30 @@ static void loading_survives_lack_of_memory(void **state) {
     pc_context_destroy(context);
 }
 
+static void saving_survives_lack_of_memory(void **state) {
+    (void)state;
+    counting_allocator counter = {0};
+    pc_context *context = counting_context(&counter);
+    pc_asset asset;
+    fixture_asset(context, 4, &asset);
+    const size_t live = counter.live;
+    pc_status status = PC_ERROR_OUT_OF_MEMORY;
+    size_t fail_at = 0;
+    unlink(path);
+    while (status != PC_OK) {
+        assert_int_not_equal(access(path, F_OK), 0);
+        counter.calls = 0;
+        counter.fail_at = ++fail_at;
+        status = pc_asset_save(context, &asset, path);
+        assert_true(status == PC_OK || status == PC_ERROR_OUT_OF_MEMORY);
+        assert_int_equal(counter.live, live);
+    }
+    assert_true(fail_at > 1);
+    counter.fail_at = 0;
+    pc_asset_free(context, &asset);
+    pc_context_destroy(context);
+}
+
 static int make_folder(void **state) {
     (void)state;
     return test_make_folder(folder, path, "asset.h5", other_path, "other.h5");
@@ -632,8 +726,11 @@ int main(void) {
         cmocka_unit_test(wild_values_are_harmless),
         cmocka_unit_test(saving_checks_its_input),
         cmocka_unit_test(unwritable_targets_are_reported),
+        cmocka_unit_test(full_disks_are_reported),
+        cmocka_unit_test(threads_save_side_by_side),
         cmocka_unit_test(error_handler_is_restored),
         cmocka_unit_test(loading_survives_lack_of_memory),
+        cmocka_unit_test(saving_survives_lack_of_memory),
     };
     return cmocka_run_group_tests_name("asset_file", tests, make_folder, remove_folder);
 }

@@ -131,7 +131,8 @@ static void closest_equals_brute_force(void **state) {
     (void)state;
     static const struct {
         double size, offset;
-    } places[] = {{1.0, 0.0}, {1e-3, 0.0}, {1e4, -3e4}, {1e-3, 10.0}, {1.0, 1e6}};
+    } places[] = {{1.0, 0.0}, {1e-3, 0.0},  {1e4, -3e4}, {1e-3, 10.0},
+                  {1.0, 1e6}, {1e-30, 0.0}, {1e30, 1e30}};
     pc_context *context = test_context(1);
     for (size_t place = 0; place < sizeof(places) / sizeof(places[0]); ++place) {
         const double size = places[place].size, offset = places[place].offset;
@@ -351,6 +352,16 @@ static void cast_survives_strange_rays(void **state) {
     assert_int_equal(pci_bvh_cast(bvh, bad, up, 0, INFINITY, NULL, NULL).triangle,
                      PC_INVALID_INDEX);
     assert_int_equal(pci_bvh_cast(bvh, origin, up, 1, 0, NULL, NULL).triangle, PC_INVALID_INDEX);
+    // Any size of origin and direction comes back, if only with a miss.
+    for (int exponent = -320; exponent <= 308; exponent += 4) {
+        const double size = pow(10.0, exponent);
+        const double remote[3] = {-size, -0.3 * size, size},
+                     long_way[3] = {size, 0.3 * size, -size};
+        (void)pci_bvh_cast(bvh, remote, long_way, 0, INFINITY, NULL, NULL);
+        (void)pci_bvh_cast(bvh, remote, up, -INFINITY, size, NULL, NULL);
+        (void)pci_bvh_cast(bvh, origin, long_way, -size, size, NULL, NULL);
+        (void)pci_bvh_closest(bvh, remote, size);
+    }
     // `near` below zero looks back along the ray.
     const double above[3] = {corner(&soup, 0, 0)[0] * 0.5 + corner(&soup, 0, 1)[0] * 0.25 +
                                  corner(&soup, 0, 2)[0] * 0.25,

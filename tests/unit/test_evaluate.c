@@ -2,6 +2,7 @@
 #include "core/crossing.h"
 #include "core/hausdorff.h"
 #include "core/topology.h"
+#include "support/memory.h"
 #include "support/test.h"
 
 // ---- meshes -----------------------------------------------------------------------------------
@@ -548,6 +549,30 @@ static void refuses_bad_input(void **state) {
     pc_context_destroy(context);
 }
 
+static void survives_a_lack_of_memory(void **state) {
+    (void)state;
+    counting_allocator counter = {0};
+    pc_context *context = counting_context(&counter);
+    pc_mesh visual = sphere(context, 6, 1.0), proxy = sphere(context, 3, 0.9);
+    const size_t live = counter.live;
+    pc_status status = PC_ERROR_OUT_OF_MEMORY;
+    size_t failures = 0;
+    for (size_t n = 1; status != PC_OK; ++n) {
+        counter.fail_at = counter.calls + n;
+        pc_measures m = {.vertices = 7};
+        status = pc_evaluate(context, &visual, &proxy, &m);
+        assert_true(status == PC_OK || status == PC_ERROR_OUT_OF_MEMORY);
+        assert_int_equal(m.vertices, status == PC_OK ? proxy.vertex_count : 0);
+        assert_int_equal(counter.live, live);
+        failures += status != PC_OK;
+    }
+    assert_true(failures > 20);
+    pc_mesh_free(context, &visual);
+    pc_mesh_free(context, &proxy);
+    pc_context_destroy(context);
+    assert_int_equal(counter.live, 0);
+}
+
 static void describes_every_field(void **state) {
     (void)state;
     assert_int_equal(pc_measures_record.size, sizeof(pc_measures));
@@ -576,6 +601,7 @@ int main(void) {
         cmocka_unit_test(measures_triangle_shapes),
         cmocka_unit_test(is_the_same_at_any_thread_count),
         cmocka_unit_test(refuses_bad_input),
+        cmocka_unit_test(survives_a_lack_of_memory),
         cmocka_unit_test(describes_every_field),
     };
     return cmocka_run_group_tests_name("evaluate", tests, NULL, NULL);

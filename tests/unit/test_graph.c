@@ -1,6 +1,7 @@
 #include <stdlib.h>
 
 #include "core/topology.h"
+#include "support/obj.h"
 #include "support/shapes.h"
 
 #define PI 3.14159265358979323846
@@ -391,6 +392,48 @@ static void solid_has_no_opposites(void **state) {
     pc_context_destroy(context);
 }
 
+// Graphs of real garments against those of an independent implementation (N_v = 32, epsilon_o .4,
+// VectorAdam): number of vertices, opposite edges, share of them with a bias. Marching cubes
+// differ in their ambiguous cases, so the counts agree within a few percent only.
+static void garments_agree_with_the_reference_implementation(void **state) {
+    (void)state;
+    static const struct {
+        const char *file;
+        double vertices, opposites, biased;
+    } cases[] = {
+        {SAMPLE_DIR "/makehuman_skirthelper.obj", 3576, 6505, 0.948},
+        {SAMPLE_DIR "/makehuman_fedora.obj", 3690, 6574, 0.329},
+        {SAMPLE_DIR "/makehuman_female_elegantsuit01.obj", 3656, 6053, 0.970},
+        {SAMPLE_DIR "/dedo_backpack_1.obj", 5122, 9272, 0.961},
+        {SAMPLE_DIR "/dedo_apron_2_dense.obj", 1734, 2926, 0.246},
+    };
+    pc_context *context = test_context(2);
+    for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); ++i) {
+        pc_mesh raw = {0};
+        assert_true(test_read_obj(context, cases[i].file, &raw));
+        const pc_visual_arrays arrays = {.vertex_count = raw.vertex_count,
+                                         .positions = raw.positions,
+                                         .triangle_count = raw.triangle_count,
+                                         .triangles = raw.triangles};
+        pc_asset asset = {0};
+        assert_ok(context, pc_visual_create(context, &arrays, &asset.visual, NULL));
+        pc_options options = pc_default_options();
+        options.voxelize.voxels = 32;
+        options.project.projection_solver = PC_PROJECT_VECTOR_ADAM;
+        options.graph.opposite_epsilon = 0.4;
+        for (pc_stage stage = PC_STAGE_VOXELIZE; stage <= PC_STAGE_GRAPH; ++stage) {
+            assert_ok(context, pc_run_stage(context, stage, &options, &asset, NULL));
+        }
+        const double opposites = (double)asset.graph.opposite_count;
+        assert_close((double)asset.graph.vertex_count, cases[i].vertices, 0.05 * cases[i].vertices);
+        assert_close(opposites, cases[i].opposites, 0.08 * cases[i].opposites);
+        assert_close((double)asset.reports.graph.biased_edges / opposites, cases[i].biased, 0.03);
+        pc_asset_free(context, &asset);
+        pc_mesh_free(context, &raw);
+    }
+    pc_context_destroy(context);
+}
+
 // ---- contract -----------------------------------------------------------------------------------
 
 static void same_bytes_at_any_thread_count(void **state) {
@@ -485,6 +528,7 @@ int main(void) {
         cmocka_unit_test(air_between_sheets_is_not_a_sheet),
         cmocka_unit_test(shell_prefers_its_outside),
         cmocka_unit_test(solid_has_no_opposites),
+        cmocka_unit_test(garments_agree_with_the_reference_implementation),
         cmocka_unit_test(same_bytes_at_any_thread_count),
         cmocka_unit_test(bad_arguments_leave_the_output_empty),
         cmocka_unit_test(survives_memory_failure),

@@ -1,6 +1,7 @@
-#include "support/test.h"
-
 #include <stdlib.h>
+
+#include "core/crossing.h"
+#include "support/test.h"
 
 // ---- grids --------------------------------------------------------------------------------------
 
@@ -194,7 +195,10 @@ static void every_case_is_closed_among_random_neighbours(void **state) {
             assert_int_equal(report.components, assert_closed_manifold(&mesh));
             assert_int_equal(report.vertices, mesh.vertex_count);
             assert_int_equal(report.triangles, mesh.triangle_count);
-            if (round < 2) {
+            uint64_t crossings = 1;
+            assert_ok(context, pci_count_self_intersections(context, "test", &mesh, &crossings));
+            assert_int_equal(crossings, 0);
+            if (round == 1) {
                 assert_separates(&grid, &mesh, 1.0);
             }
             pc_mesh_free(context, &mesh);
@@ -283,7 +287,7 @@ static double sphere_volume_error(pc_context *context, uint32_t side) {
     }
     for (size_t v = 0; v < mesh.vertex_count; ++v) {
         assert_close(sqrt(pci_squared_distance(&mesh.positions[3 * v], centre)), radius,
-                     0.05 * grid.cell_size);
+                     0.11 * grid.cell_size); // clearance, and curvature along an edge
     }
     pc_mesh_free(context, &mesh);
     pc_grid_free(context, &grid);
@@ -335,14 +339,14 @@ static void vertices_keep_clear_of_the_lattice_points(void **state) {
         for (size_t k = 0; k < 3; ++k) {
             const double x = mesh.positions[3 * v + k] - grid.origin[k], rest = fabs(x - round(x));
             off_lattice += rest > 1e-12;
-            assert_true(rest <= 1e-12 || rest >= 0.02 - 1e-12);
+            assert_true(rest <= 1e-12 || rest >= 0.1 - 1e-12);
         }
         assert_int_equal(off_lattice, 1);
     }
     for (size_t c = 0; c < 3 * mesh.triangle_count; ++c) {
         const uint32_t a = mesh.triangles[c], b = mesh.triangles[c % 3 == 2 ? c - 2 : c + 1];
         assert_true(pci_squared_distance(&mesh.positions[3 * (size_t)a],
-                                         &mesh.positions[3 * (size_t)b]) >= 0.02 * 0.02);
+                                         &mesh.positions[3 * (size_t)b]) >= 0.01);
     }
     pc_mesh_free(context, &mesh);
     pc_grid_free(context, &grid);

@@ -234,10 +234,10 @@ static void cycle_bound_holds(void **state) {
         pci_scratch scratch = pci_scratch_begin(context);
         uint8_t best[MAX_SIGNED];
         memset(best, 1, sizeof(best));
-        uint64_t work = 100000;
+        pci_budget budget = {.total = 100000, .left = 100000};
         pci_cycle_bound cycles;
         pci_roof roof;
-        assert_true(pci_find_cycle_bound(&scratch, &graph, &work, best, &cycles));
+        assert_ok(context, pci_find_cycle_bound(&scratch, "label", &graph, &budget, best, &cycles));
         assert_true(pci_roof_duality(&scratch, &graph, &roof));
         const int64_t optimum = signed_optimum(&graph);
         assert_int_equal(best[PCI_GROUND], 1);
@@ -548,6 +548,226 @@ static void bad_input(void **state) {
     pc_context_destroy(context);
 }
 
+// ---- garments -----------------------------------------------------------------------------------
+
+static void read_graph(pc_context *context, const char *name, pc_graph *graph) {
+    char path[512], line[256];
+    snprintf(path, sizeof(path), "%s/labelling/%s_nv32.txt", TEST_DATA_DIR, name);
+    FILE *file = fopen(path, "r");
+    assert_non_null(file);
+    assert_non_null(fgets(line, sizeof(line), file));
+    assert_int_equal(fscanf(file, "%zu %zu %zu %*f %*f %*f", &graph->vertex_count,
+                            &graph->edge_count, &graph->opposite_count),
+                     3);
+    graph->edges = PCI_ALLOCATE(context, uint32_t, 2 * graph->edge_count);
+    graph->edge_weights = PCI_ALLOCATE(context, double, graph->edge_count);
+    graph->opposites = PCI_ALLOCATE(context, uint32_t, 2 * graph->opposite_count);
+    graph->opposite_signs = PCI_ALLOCATE(context, int8_t, graph->opposite_count);
+    for (size_t e = 0; e < graph->edge_count; ++e) {
+        assert_int_equal(fscanf(file, "%u %u %lf", &graph->edges[2 * e], &graph->edges[2 * e + 1],
+                                &graph->edge_weights[e]),
+                         3);
+    }
+    for (size_t e = 0; e < graph->opposite_count; ++e) {
+        int sign = 0;
+        assert_int_equal(
+            fscanf(file, "%u %u %d", &graph->opposites[2 * e], &graph->opposites[2 * e + 1], &sign),
+            3);
+        graph->opposite_signs[e] = (int8_t)sign;
+    }
+    fclose(file);
+}
+
+static void garments_reach_proven_optima(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    static const struct {
+        const char *name;
+        double smooth, bias, optimum;
+    } cases[] = {
+        {"assistive_gym_hospitalgown", 1, 0.0, 299.552877},
+        {"assistive_gym_hospitalgown", 1, 0.1, 301.352877},
+        {"assistive_gym_hospitalgown", 1, 0.5, 307.052854},
+        {"assistive_gym_hospitalgown", 3, 1.0, 814.0},
+        {"codim_multilayer_drape", 1, 0.5, 179.012734},
+        {"codim_multilayer_drape", 3, 1.0, 454.558501},
+        {"male_casualsuit05", 1, 0.1, 111.400267},
+        {"male_casualsuit05", 1, 0.5, 134.000267},
+        {"male_casualsuit05", 3, 1.0, 190.0008},
+    };
+    for (size_t k = 0; k < sizeof(cases) / sizeof(cases[0]); ++k) {
+        pc_graph graph = {0};
+        pc_labels labels = {0};
+        pc_label_report report;
+        read_graph(context, cases[k].name, &graph);
+        const pc_label_options o = make_options(cases[k].smooth, 1, cases[k].bias, 100);
+        assert_ok(context, pc_label(context, &graph, &o, &labels, &report));
+        assert_close(report.objective, cases[k].optimum, 1e-6);
+        assert_close(report.objective, definition(&graph, &o, labels.labels), 1e-9);
+        assert_int_equal(report.outcome, PC_LABEL_OPTIMAL);
+        assert_int_equal(report.unproven_components, 0);
+        assert_true(report.roof_bound <= cases[k].optimum);
+        pc_labels_free(context, &labels);
+        pc_graph_free(context, &graph);
+    }
+    pc_context_destroy(context);
+}
+
+// Every budget gives labels and a bound that holds, and more budget no smaller bound here.
+static void small_budgets_stay_valid(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    pc_graph graph = {0};
+    read_graph(context, "assistive_gym_hospitalgown", &graph);
+    const uint32_t efforts[] = {0, 1, 2, 4};
+    double last_bound = 0.0;
+    for (size_t k = 0; k < sizeof(efforts) / sizeof(efforts[0]); ++k) {
+        const pc_label_options o = make_options(3, 1, 1, efforts[k]);
+        pc_labels labels = {0};
+        pc_label_report report;
+        assert_ok(context, pc_label(context, &graph, &o, &labels, &report));
+        assert_true(report.objective >= 814.0 - 1e-9);
+        assert_true(report.bound <= 814.0);
+        assert_true(report.bound >= last_bound);
+        last_bound = report.bound;
+        if (k == 0) {
+            assert_int_equal(report.outcome, PC_LABEL_FEASIBLE);
+            assert_int_equal(report.unproven_components, 1);
+            assert_true(report.bound == report.roof_bound);
+        }
+        pc_labels_free(context, &labels);
+    }
+    pc_graph_free(context, &graph);
+    pc_context_destroy(context);
+}
+
+static void same_bytes_for_any_threads(void **state) {
+    (void)state;
+    const uint32_t threads[] = {1, 2, 3, 8};
+    pc_labels first = {0};
+    pc_label_report first_report;
+    pc_context *context = test_context(1);
+    pc_graph graph = {0};
+    read_graph(context, "codim_multilayer_drape", &graph);
+    assert_ok(context, pc_label(context, &graph, NULL, &first, &first_report));
+    for (size_t k = 0; k < sizeof(threads) / sizeof(threads[0]); ++k) {
+        pc_context *other = test_context(threads[k]);
+        pc_labels labels = {0};
+        pc_label_report report;
+        assert_ok(other, pc_label(other, &graph, NULL, &labels, &report));
+        assert_memory_equal(labels.labels, first.labels, graph.vertex_count);
+        assert_true(report.objective == first_report.objective &&
+                    report.bound == first_report.bound);
+        pc_labels_free(other, &labels);
+        pc_context_destroy(other);
+    }
+    pc_labels_free(context, &first);
+    pc_graph_free(context, &graph);
+    pc_context_destroy(context);
+}
+
+// ---- failures on the way ------------------------------------------------------------------------
+
+typedef struct failing {
+    size_t allowed, live;
+} failing;
+
+static void *failing_allocate(void *user, size_t size) {
+    failing *f = user;
+    if (f->allowed == 0) {
+        return NULL;
+    }
+    --f->allowed;
+    void *memory = malloc(size);
+    f->live += memory != NULL;
+    return memory;
+}
+
+static void failing_release(void *user, void *memory) {
+    ((failing *)user)->live -= memory != NULL;
+    free(memory);
+}
+
+static bool stop_at_once(void *user, const char *stage, double fraction) {
+    (void)stage;
+    size_t *calls = user;
+    assert_true(fraction >= 0.0 && fraction <= 1.0);
+    return ++*calls < 3;
+}
+
+// A torus with random wishes: too wide for elimination, so all methods take part.
+static void make_torus(pc_context *context, pc_graph *graph) {
+    enum { SIDE = 26, COUNT = SIDE * SIDE };
+    graph->vertex_count = COUNT;
+    graph->edges = PCI_ALLOCATE(context, uint32_t, 4 * COUNT);
+    graph->edge_weights = PCI_ALLOCATE(context, double, 2 * COUNT);
+    graph->opposites = PCI_ALLOCATE(context, uint32_t, 4 * COUNT);
+    graph->opposite_signs = PCI_ALLOCATE(context, int8_t, 2 * COUNT);
+    for (uint32_t v = 0; v < COUNT; ++v) {
+        const uint32_t next[2] = {v / SIDE * SIDE + (v + 1) % SIDE, (v + SIDE) % COUNT};
+        for (size_t k = 0; k < 2; ++k) {
+            if (pci_random(9, k, v) < 0.2) {
+                graph->opposites[2 * graph->opposite_count] = v;
+                graph->opposites[2 * graph->opposite_count++ + 1] = next[k];
+            } else {
+                graph->edges[2 * graph->edge_count] = v;
+                graph->edges[2 * graph->edge_count + 1] = next[k];
+                graph->edge_weights[graph->edge_count++] = 0.5 + pci_random(10, k, v);
+            }
+        }
+    }
+}
+
+static void survives_lack_of_memory(void **state) {
+    (void)state;
+    failing f = {.allowed = SIZE_MAX};
+    const pc_context_options options = {.threads = 1,
+                                        .allocator = {failing_allocate, failing_release, &f}};
+    const pc_label_options o = make_options(1, 1, 0, 100);
+    pc_context *context = NULL;
+    assert_int_equal(pc_context_create(&options, &context), PC_OK);
+    pc_graph graph = {0};
+    make_torus(context, &graph);
+    const size_t before = f.live;
+    pc_label_report report;
+    bool done = false;
+    for (size_t allowed = 0; !done; allowed += 1 + allowed / 6) {
+        pc_labels labels = {0};
+        f.allowed = allowed;
+        const pc_status status = pc_label(context, &graph, &o, &labels, &report);
+        done = status == PC_OK;
+        if (!done) {
+            assert_int_equal(status, PC_ERROR_OUT_OF_MEMORY);
+            assert_null(labels.labels);
+            assert_int_equal(labels.vertex_count, 0);
+        }
+        pc_labels_free(context, &labels);
+        assert_int_equal(f.live, before);
+    }
+    assert_int_equal(report.outcome, PC_LABEL_OPTIMAL);
+    f.allowed = SIZE_MAX;
+    pc_graph_free(context, &graph);
+    pc_context_destroy(context);
+    assert_int_equal(f.live, 0);
+}
+
+static void can_be_cancelled(void **state) {
+    (void)state;
+    size_t calls = 0;
+    const pc_context_options options = {.threads = 1, .progress = stop_at_once, .user = &calls};
+    pc_context *context = NULL;
+    assert_int_equal(pc_context_create(&options, &context), PC_OK);
+    pc_graph graph = {0};
+    make_torus(context, &graph);
+    const pc_label_options o = make_options(1, 1, 0, 100);
+    pc_labels labels = {0};
+    assert_int_equal(pc_label(context, &graph, &o, &labels, NULL), PC_ERROR_CANCELLED);
+    assert_null(labels.labels);
+    assert_int_equal(calls, 3);
+    pc_graph_free(context, &graph);
+    pc_context_destroy(context);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(agrees_with_enumeration),
@@ -560,6 +780,11 @@ int main(void) {
         cmocka_unit_test(keeps_the_outer_sheet),
         cmocka_unit_test(extreme_weights),
         cmocka_unit_test(bad_input),
+        cmocka_unit_test(garments_reach_proven_optima),
+        cmocka_unit_test(small_budgets_stay_valid),
+        cmocka_unit_test(same_bytes_for_any_threads),
+        cmocka_unit_test(survives_lack_of_memory),
+        cmocka_unit_test(can_be_cancelled),
     };
     return cmocka_run_group_tests_name("label", tests, NULL, NULL);
 }

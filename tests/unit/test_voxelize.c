@@ -157,6 +157,23 @@ static void flat_sheet_lies_between_lattice_planes(void **state) {
     pc_context_destroy(context);
 }
 
+static void lattice_has_the_promised_size(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    for (uint32_t voxels = 4; voxels <= 60; ++voxels) {
+        pc_mesh mesh = sheet(context, 1, 0.1 * voxels * voxels, 0.0, 0.0);
+        const pc_voxelize_options options = {.voxels = voxels};
+        pc_grid grid = {0};
+        assert_ok(context, pc_voxelize(context, &mesh, &options, &grid, NULL));
+        assert_int_equal(grid.size[0], voxels + 8);
+        assert_int_equal(grid.size[1], voxels + 8);
+        assert_close(grid.origin[0], -3.5 * grid.cell_size, 1e-12 * voxels * voxels);
+        pc_grid_free(context, &grid);
+        pc_mesh_free(context, &mesh);
+    }
+    pc_context_destroy(context);
+}
+
 // What the iso-surface needs: a cell with a corner closer than one voxel has all eight corners.
 static void cells_of_the_iso_surface_are_complete(void **state) {
     (void)state;
@@ -372,6 +389,7 @@ int main(void) {
         cmocka_unit_test(soups_equal_brute_force),
         cmocka_unit_test(dense_sheet_equals_brute_force),
         cmocka_unit_test(flat_sheet_lies_between_lattice_planes),
+        cmocka_unit_test(lattice_has_the_promised_size),
         cmocka_unit_test(cells_of_the_iso_surface_are_complete),
         cmocka_unit_test(scale_is_a_unit),
         cmocka_unit_test(cost_grows_with_the_area),

@@ -70,7 +70,7 @@ static pc_mesh simplified(pc_context *context, pc_mesh *mesh, uint32_t vertices,
     pc_record_set_defaults(&pc_simplify_options_record, &options);
     options.vertices = vertices;
     pc_mesh proxy = {0};
-    assert_ok(context, pc_simplify(context, mesh, mesh, &options, &proxy, report));
+    assert_ok(context, pc_simplify(context, mesh, &options, &proxy, report));
     pc_mesh_free(context, mesh);
     return proxy;
 }
@@ -293,7 +293,7 @@ static void refines_narrow_parts(void **state) {
         options.vertices = 100;
         options.narrow_refinement = refined ? 2.0 : 1.0;
         pc_mesh proxy = {0};
-        assert_ok(context, pc_simplify(context, &tube, &tube, &options, &proxy, NULL));
+        assert_ok(context, pc_simplify(context, &tube, &options, &proxy, NULL));
         check_manifold(context, &proxy);
         size_t count[2] = {0};
         for (size_t h = 0; h < 3 * proxy.triangle_count; ++h) {
@@ -357,7 +357,7 @@ static void survives_lack_of_memory(void **state) {
     for (pc_status status = PC_ERROR_OUT_OF_MEMORY; status != PC_OK; ++failures) {
         counter.calls = 0;
         counter.fail_at = failures + 1;
-        status = pc_simplify(context, &sheet, &sheet, &options, &proxy, NULL);
+        status = pc_simplify(context, &sheet, &options, &proxy, NULL);
         if (status != PC_OK) {
             assert_int_equal(status, PC_ERROR_OUT_OF_MEMORY);
             assert_int_equal(counter.live, live);
@@ -377,27 +377,23 @@ static void rejects_bad_arguments(void **state) {
     pc_mesh sheet = test_sheet(context, 2, 2, 1.0, 1.0), proxy = {0};
     pc_simplify_options options;
     pc_record_set_defaults(&pc_simplify_options_record, &options);
-    assert_int_equal(pc_simplify(context, &sheet, NULL, NULL, &proxy, NULL),
-                     PC_ERROR_INVALID_ARGUMENT);
-    assert_int_equal(pc_simplify(context, &sheet, &sheet, NULL, &sheet, NULL),
-                     PC_ERROR_INVALID_ARGUMENT);
+    assert_int_equal(pc_simplify(context, NULL, NULL, &proxy, NULL), PC_ERROR_INVALID_ARGUMENT);
+    assert_int_equal(pc_simplify(context, &sheet, NULL, &sheet, NULL), PC_ERROR_INVALID_ARGUMENT);
     options.vertices = 3;
-    assert_int_equal(pc_simplify(context, &sheet, &sheet, &options, &proxy, NULL),
+    assert_int_equal(pc_simplify(context, &sheet, &options, &proxy, NULL),
                      PC_ERROR_INVALID_OPTIONS);
     options.vertices = 8;
     sheet.triangles[4] = 9;
-    assert_int_equal(pc_simplify(context, &sheet, &sheet, &options, &proxy, NULL),
+    assert_int_equal(pc_simplify(context, &sheet, &options, &proxy, NULL),
                      PC_ERROR_INVALID_ARGUMENT);
     sheet.triangles[4] = 0;
     sheet.positions[5] = NAN;
-    assert_int_equal(pc_simplify(context, &sheet, &sheet, &options, &proxy, NULL),
+    assert_int_equal(pc_simplify(context, &sheet, &options, &proxy, NULL),
                      PC_ERROR_INVALID_ARGUMENT);
     memset(sheet.positions, 0, 3 * sheet.vertex_count * sizeof(double));
-    assert_int_equal(pc_simplify(context, &sheet, &sheet, &options, &proxy, NULL),
-                     PC_ERROR_NO_PROXY);
+    assert_int_equal(pc_simplify(context, &sheet, &options, &proxy, NULL), PC_ERROR_NO_PROXY);
     const pc_mesh empty = {0};
-    assert_int_equal(pc_simplify(context, &sheet, &empty, &options, &proxy, NULL),
-                     PC_ERROR_NO_PROXY);
+    assert_int_equal(pc_simplify(context, &empty, &options, &proxy, NULL), PC_ERROR_NO_PROXY);
     assert_null(proxy.positions);
     assert_null(proxy.triangles);
     pc_mesh_free(context, &sheet);

@@ -69,6 +69,10 @@ int cli_run_stage(const cli_command *command, cli_arguments *arguments) {
         code = chosen != NULL ? import_visual(command, arguments, context, &scene, chosen, &asset)
                               : cli_load_asset(command, context, input, &asset);
     }
+    if (code == CLI_OK && chosen == NULL && arguments->name != NULL) {
+        memset(asset.name, 0, sizeof(asset.name));
+        code = cli_garment_name(command, arguments, asset.name);
+    }
     if (code == CLI_OK) {
         code = run(command, arguments, context, &asset);
     }

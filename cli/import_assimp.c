@@ -530,9 +530,33 @@ static bool harmless_extension(const char *name) {
     return strncmp(name, "KHR_materials_", 14) == 0;
 }
 
+// assimp 5.2 takes the integers of texture coordinates and weights for floats.
+static void check_attributes(scene_reader *reader, const cJSON *root) {
+    static const char *const names[] = {"POSITION", "NORMAL", "TEXCOORD_0", "WEIGHTS_0",
+                                        "WEIGHTS_1"};
+    const cJSON *accessors = cJSON_GetObjectItemCaseSensitive(root, "accessors");
+    const cJSON *mesh = NULL, *primitive = NULL;
+    cJSON_ArrayForEach(mesh, cJSON_GetObjectItemCaseSensitive(root, "meshes")) {
+        cJSON_ArrayForEach(primitive, cJSON_GetObjectItemCaseSensitive(mesh, "primitives")) {
+            const cJSON *attributes = cJSON_GetObjectItemCaseSensitive(primitive, "attributes");
+            for (size_t i = 0; i < sizeof(names) / sizeof(names[0]); ++i) {
+                const cJSON *index = cJSON_GetObjectItemCaseSensitive(attributes, names[i]);
+                const cJSON *type = cJSON_GetObjectItemCaseSensitive(
+                    cJSON_IsNumber(index) ? cJSON_GetArrayItem(accessors, index->valueint) : NULL,
+                    "componentType");
+                if (cJSON_IsNumber(type) && type->valueint != 5126) {
+                    fail(reader,
+                         "%s is stored as integers, which is not supported; export it with "
+                         "32-bit floats",
+                         names[i]);
+                }
+            }
+        }
+    }
+}
+
 // assimp reads garbage where a glTF file needs an extension it does not know.
-static void check_extensions(scene_reader *reader, const char *bytes, size_t size,
-                             scene_format format) {
+static void check_json(scene_reader *reader, const char *bytes, size_t size, scene_format format) {
     if (format == SCENE_GLB) {
         uint32_t length = 0;
         if (size < 20) {
@@ -556,6 +580,7 @@ static void check_extensions(scene_reader *reader, const char *bytes, size_t siz
             fail(reader, "the glTF extension %.64s is not supported; export without it", name);
         }
     }
+    check_attributes(reader, root);
     cJSON_Delete(root);
 }
 
@@ -568,7 +593,7 @@ static const struct aiScene *import(scene_reader *reader, const char *path, scen
     size_t size = 0;
     char *bytes = read_file(reader, path, &size);
     if (format == SCENE_GLB || format == SCENE_GLTF) {
-        check_extensions(reader, bytes, size, format);
+        check_json(reader, bytes, size, format);
     }
     // Files that refer to others are read through their path; the others from memory, where the
     // hint decides about the importer.

@@ -10,7 +10,7 @@
 
 static const char *const outcome_choices[] = {"optimal", "feasible", NULL};
 static const pc_field option_fields[] = {
-    PCI_FIELD_OPTION(pc_label_options, lambda_smooth, DOUBLE, 3.0, 0.0, 1000000.0, "",
+    PCI_FIELD_OPTION(pc_label_options, lambda_smooth, DOUBLE, 2.0, 0.0, 1000000.0, "",
                      "lambda_s: cost of a label change along a mesh edge"),
     PCI_FIELD_OPTION(pc_label_options, lambda_opposite, DOUBLE, 1.0, 0.0, 1000000.0, "",
                      "lambda_o: cost of equal labels on opposite vertices"),

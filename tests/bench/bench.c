@@ -3,7 +3,7 @@
 #define _POSIX_C_SOURCE 200809L
 #include <unistd.h>
 
-#include "bench/garment.h"
+#include "support/garment.h"
 
 // Starts a new measurement of the process's peak memory.
 static void reset_peak(void) {
@@ -71,25 +71,6 @@ static bool measure(pc_context *context, const char *path, const pc_options *opt
     return good;
 }
 
-// Applies OPTION=VALUE to every stage that has the option.
-static bool set_option(pc_context *context, pc_options *options, char *text) {
-    char *equals = strchr(text, '=');
-    bool found = false;
-    if (equals == NULL) {
-        return false;
-    }
-    *equals = '\0';
-    for (pc_stage stage = 0; stage < PC_STAGE_COUNT; ++stage) {
-        const pc_stage_info *info = pc_stage_describe(stage);
-        const pc_field *field = pc_record_find(info->options, text);
-        if (field != NULL) {
-            found = pc_field_set_text(context, info->name, field,
-                                      (char *)options + info->options_offset, equals + 1) == PC_OK;
-        }
-    }
-    return found;
-}
-
 static void print_table(const char *name, size_t vertices,
                         const measurement results[PC_STAGE_COUNT]) {
     double minimum = 0.0, median = 0.0, proxy = 0.0;
@@ -127,8 +108,9 @@ int main(int argc, char **argv) {
         }
     }
     if (first >= argc || runs == 0) {
-        fprintf(stderr, "usage: %s [--csv] [--runs N] [--threads N] [--set OPTION=VALUE]... "
-                        "FILE.obj...\n",
+        fprintf(stderr,
+                "usage: %s [--csv] [--runs N] [--threads N] [--set OPTION=VALUE]... "
+                "FILE.obj...\n",
                 argv[0]);
         return 2;
     }

@@ -1,48 +1,25 @@
 // Quality of proxies and weights over garments: one row each, then the means.
 // L_r is measured on a wind that the weights have not seen, against closest-triangle weights.
-// Usage: proxycloth_quality [--proxy-only] FILE.obj...
-#include "bench/garment.h"
+// Usage: proxycloth_quality [--proxy-only] [--set OPTION=VALUE]... FILE.obj...
+#include "support/garment.h"
 
 typedef struct row {
     pc_measures measures;
     double gap, rigid, rigid_closest;
 } row;
 
-// L_r of both kinds of weights on a motion with another seed.
-static bool unseen_wind(pc_context *context, const pc_asset *asset, row *result) {
-    pc_simulate_options simulate = asset->options.simulate;
-    simulate.seed += 1000;
-    pc_motion motion = {0};
-    pc_skin closest = {0};
-    pc_skin_losses losses = {0}, closest_losses = {0};
-    const pc_mesh *surface = &asset->visual.surface;
-    const bool good =
-        pc_simulate(context, &asset->proxy, &simulate, &motion, NULL) == PC_OK &&
-        pc_skin_closest_triangle(context, surface, &asset->proxy, &closest) == PC_OK &&
-        pc_skin_evaluate(context, surface, &asset->proxy, &motion, &asset->skin,
-                         &asset->options.skin, &losses) == PC_OK &&
-        pc_skin_evaluate(context, surface, &asset->proxy, &motion, &closest, &asset->options.skin,
-                         &closest_losses) == PC_OK;
-    if (good) {
-        const double frames = (double)motion.frame_count;
-        result->rigid = losses.rigid / (frames * losses.rigid_norm);
-        result->rigid_closest = closest_losses.rigid / (frames * closest_losses.rigid_norm);
-    }
-    pc_motion_free(context, &motion);
-    pc_skin_free(context, &closest);
-    return good;
-}
-
-static bool measure(pc_context *context, const char *path, bool proxy_only, row *result) {
+static bool measure(pc_context *context, const char *path, const pc_options *options,
+                    bool proxy_only, row *result) {
     pc_asset asset = {0};
     bool good = load_garment(context, path, &asset);
     const pc_stage last = proxy_only ? PC_STAGE_SIMPLIFY : PC_STAGE_SKIN;
     for (pc_stage stage = 0; stage <= last && good; ++stage) {
-        good = pc_run_stage(context, stage, NULL, &asset, NULL) == PC_OK;
+        good = pc_run_stage(context, stage, options, &asset, NULL) == PC_OK;
     }
-    good = good &&
-           pc_evaluate(context, &asset.visual.surface, &asset.proxy, &result->measures) == PC_OK &&
-           (proxy_only || unseen_wind(context, &asset, result));
+    good =
+        good &&
+        pc_evaluate(context, &asset.visual.surface, &asset.proxy, &result->measures) == PC_OK &&
+        (proxy_only || unseen_wind_rigid(context, &asset, &result->rigid, &result->rigid_closest));
     if (!good) {
         printf("%-34.34s %s\n", asset.name, pc_context_error(context)->message);
     } else {
@@ -65,10 +42,24 @@ static bool measure(pc_context *context, const char *path, bool proxy_only, row 
 }
 
 int main(int argc, char **argv) {
-    const bool proxy_only = argc > 1 && strcmp(argv[1], "--proxy-only") == 0;
+    bool proxy_only = false;
+    int first = 1;
+    pc_options options = pc_default_options();
     pc_context *context = NULL;
-    if (argc < 2 || pc_context_create(NULL, &context) != PC_OK) {
-        fprintf(stderr, "usage: %s [--proxy-only] FILE.obj...\n", argv[0]);
+    if (pc_context_create(NULL, &context) != PC_OK) {
+        return 1;
+    }
+    for (; first < argc && strncmp(argv[first], "--", 2) == 0; ++first) {
+        if (strcmp(argv[first], "--proxy-only") == 0) {
+            proxy_only = true;
+        } else if (strcmp(argv[first], "--set") != 0 || ++first >= argc ||
+                   !set_option(context, &options, argv[first])) {
+            first = argc;
+        }
+    }
+    if (first >= argc) {
+        fprintf(stderr, "usage: %s [--proxy-only] [--set OPTION=VALUE]... FILE.obj...\n", argv[0]);
+        pc_context_destroy(context);
         return 2;
     }
     printf("%-34s %5s %4s %5s %5s %4s %4s %7s %4s %7s %7s %7s %6s %6s %6s %8s %8s %8s\n", "garment",
@@ -76,18 +67,16 @@ int main(int argc, char **argv) {
            "HD p>v", "angle", "sd", "worst", "gap", "L_r", "closest");
     double sum[6] = {0};
     size_t count = 0, failed = 0;
-    for (int i = proxy_only ? 2 : 1; i < argc; ++i) {
+    for (int i = first; i < argc; ++i) {
         row result = {0};
-        if (!measure(context, argv[i], proxy_only, &result)) {
+        if (!measure(context, argv[i], &options, proxy_only, &result)) {
             ++failed;
             continue;
         }
-        const double values[6] = {(double)result.measures.components,
-                                  (double)result.measures.boundary_loops,
-                                  result.measures.doubled_area,
-                                  result.measures.hausdorff,
-                                  result.measures.min_angle_mean,
-                                  result.rigid <= result.rigid_closest ? 1.0 : 0.0};
+        const double values[6] = {
+            (double)result.measures.components, (double)result.measures.boundary_loops,
+            result.measures.doubled_area,       result.measures.hausdorff,
+            result.measures.min_angle_mean,     result.rigid <= result.rigid_closest ? 1.0 : 0.0};
         for (size_t k = 0; k < 6; ++k) {
             sum[k] += values[k];
         }

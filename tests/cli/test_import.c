@@ -112,6 +112,7 @@ static void refuses_what_would_be_garbage(void **state) {
     scene_data scene;
     assert_int_equal(import(CLI_FIXTURE_DIR "/duplicate.gltf", &scene), CLI_INPUT);
     assert_int_equal(import(CLI_FIXTURE_DIR "/extension.gltf", &scene), CLI_INPUT);
+    assert_int_equal(import(CLI_FIXTURE_DIR "/integer_weights.gltf", &scene), CLI_INPUT);
     assert_null(scene.buffer);
 }
 

@@ -8,6 +8,9 @@
 /// v = (v + dt (f / m + g)) (1 - damping), p = x + dt v, Gauss-Seidel sweeps over the springs with
 /// stiffness 1 - (1 - k)^(1 / iterations), v = (p - x) / dt.
 ///
+/// DEVIATION: a connected part without a held vertex gets its own `pinned_fraction`; it would fall
+/// out of the scene.
+///
 /// Postconditions: finite positions; pinned vertices never move; frame 0 follows the first
 /// `frame_steps` steps.
 #ifndef PROXYCLOTH_SIMULATE_H

@@ -273,23 +273,63 @@ static int compare_heights(const void *a, const void *b) {
     return x->vertex < y->vertex ? -1 : x->vertex > y->vertex;
 }
 
-// Marks the highest ceil(fraction * #V) vertices.
+// 1e-9: the product may lie just above a whole number.
+static size_t pin_count(double fraction, size_t vertex_count) {
+    const double wanted = ceil(fraction * (double)vertex_count - 1e-9);
+    return wanted > 0.0 ? (size_t)wanted : 0;
+}
+
+// Smallest known vertex of the part that v belongs to; shortens the chain on the way.
+static uint32_t find_part(uint32_t *parts, uint32_t v) {
+    while (parts[v] != v) {
+        parts[v] = parts[parts[v]];
+        v = parts[v];
+    }
+    return v;
+}
+
+// Holds the highest ceil(fraction * #V) vertices, and likewise in every connected part that would
+// otherwise fall for ever.
 static bool pin_highest(pci_scratch *scratch, const pc_mesh *mesh, double fraction, size_t axis,
                         uint8_t *pinned, uint64_t *pinned_count) {
-    height *heights = PCI_SCRATCH(scratch, height, mesh->vertex_count);
-    if (heights == NULL) {
+    const size_t nv = mesh->vertex_count;
+    height *heights = PCI_SCRATCH(scratch, height, nv);
+    uint32_t *parts = PCI_SCRATCH(scratch, uint32_t, nv);
+    size_t *sizes = PCI_SCRATCH(scratch, size_t, nv);   // of the part that starts at v
+    size_t *missing = PCI_SCRATCH(scratch, size_t, nv); // vertices of it that must still be held
+    if (scratch->failed) {
         return false;
     }
-    for (size_t v = 0; v < mesh->vertex_count; ++v) {
+    for (size_t v = 0; v < nv; ++v) {
+        parts[v] = (uint32_t)v;
         heights[v].value = mesh->positions[3 * v + axis];
         heights[v].vertex = (uint32_t)v;
     }
-    qsort(heights, mesh->vertex_count, sizeof(*heights), compare_heights);
-    // 1e-9: the product may lie just above a whole number.
-    const double wanted = ceil(fraction * (double)mesh->vertex_count - 1e-9);
-    *pinned_count = wanted > 0.0 ? (uint64_t)wanted : 0;
-    for (size_t v = 0; v < *pinned_count; ++v) {
-        pinned[heights[v].vertex] = 1;
+    for (size_t c = 0; c < 3 * mesh->triangle_count; ++c) {
+        const uint32_t a = find_part(parts, mesh->triangles[c]);
+        const uint32_t b = find_part(parts, mesh->triangles[c - c % 3]);
+        parts[a > b ? a : b] = a < b ? a : b;
+    }
+    qsort(heights, nv, sizeof(*heights), compare_heights);
+    for (size_t v = 0; v < nv; ++v) {
+        ++sizes[find_part(parts, (uint32_t)v)];
+    }
+    for (size_t v = 0; v < nv; ++v) {
+        missing[v] = pin_count(fraction, sizes[v]);
+    }
+    const size_t highest = pin_count(fraction, nv);
+    *pinned_count = highest;
+    for (size_t i = 0; i < highest; ++i) {
+        pinned[heights[i].vertex] = 1;
+        missing[find_part(parts, heights[i].vertex)] = 0;
+    }
+    for (size_t i = highest; i < nv; ++i) {
+        size_t *left = &missing[find_part(parts, heights[i].vertex)];
+        if (*left > 0) {
+            --*left;
+            pinned[heights[i].vertex] = 1;
+            ++*pinned_count;
+        }
     }
     return true;
 }

@@ -45,6 +45,9 @@ static const pc_field report_fields[] = {
     PCI_FIELD_REPORT(pc_skin_report, attachment_after, DOUBLE, "", "L_a of the result"),
     PCI_FIELD_REPORT(pc_skin_report, full_loss, DOUBLE, "",
                      "Weighted sum of the losses with all candidates, before the cut to K"),
+    PCI_FIELD_REPORT(
+        pc_skin_report, collision_share, DOUBLE, "",
+        "Share of lambda_collision in the last epochs, below 1 where L_c would cost L_r"),
     PCI_FIELD_REPORT(pc_skin_report, reflections, COUNT, "",
                      "Vertices and frames whose 1-ring is turned inside out"),
     PCI_FIELD_REPORT(pc_skin_report, bones_used, COUNT, "", "Proxy vertices with any weight"),
@@ -154,6 +157,7 @@ typedef struct candidate_job {
 
 enum { CANDIDATES_MAX = 32, PHASES = 3 };
 static const double distance_share = 0.1; // of the first guess
+static const double rigid_share = 0.7;    // more of its L_r left: L_c gets less weight
 
 // Candidates of one vertex: the corners of the closest triangle, then the nearest proxy vertices.
 // First guess: mostly the barycentric coordinates, the rest by inverse distance; nothing is 0,
@@ -272,6 +276,7 @@ typedef struct fit {
     pci_skin_problem problem;
     uint32_t *bones;
     double *surrogate;
+    double collision_share; // of lambda_c that is used
 } fit;
 
 // Losses per norm and frame, in double.
@@ -305,7 +310,7 @@ static pc_status descend(const fit *f, double begin, double end) {
     const pc_skin_options *o = f->options;
     const double epochs = (double)o->epochs;
     const pci_skin_descent settings = {
-        .lambda = {o->lambda_rigid, o->lambda_collision, o->lambda_attachment},
+        .lambda = {o->lambda_rigid, f->collision_share * o->lambda_collision, o->lambda_attachment},
         .epochs = (uint32_t)round(end * epochs) - (uint32_t)round(begin * epochs),
         .batch = o->batch,
         .learning_rate = o->learning_rate,
@@ -372,6 +377,41 @@ static pc_status cut(pci_scratch *scratch, fit *f, uint32_t kept) {
     return PC_OK;
 }
 
+// All candidates, half way, K: cutting alone would lose most of the gain.
+static pc_status run_phases(pci_scratch *scratch, fit *f, pc_skin_report *report) {
+    const uint32_t slots = f->problem.slots, influences = f->options->influences;
+    const uint32_t kept = influences < slots ? influences : slots;
+    const uint32_t widths[PHASES] = {slots, (slots + kept + 1) / 2, kept};
+    static const double ends[PHASES] = {0.4, 0.6, 1.0};
+    // Layers that the proxy moves through each other cannot be held together by weights; they must
+    // not cost the shape of each layer. So L_c weighs no more than L_r at first, ...
+    const bool balanced = f->options->lambda_rigid > 0.0 && report->rigid_before > 0.0;
+    if (balanced && report->collision_before > report->rigid_before) {
+        f->collision_share = report->rigid_before / report->collision_before;
+    }
+    pc_status status = PC_OK;
+    for (size_t phase = 0; phase < PHASES && status == PC_OK; ++phase) {
+        if (widths[phase] < f->problem.slots) {
+            status = cut(scratch, f, widths[phase]);
+        }
+        if (status == PC_OK) {
+            status = descend(f, phase == 0 ? 0.0 : ends[phase - 1], ends[phase]);
+        }
+        if (status == PC_OK && phase + 1 < PHASES) {
+            double losses[3], total = 0.0;
+            uint64_t reflections = 0;
+            status = measure(scratch, f, losses, &total, &reflections);
+            report->full_loss = phase == 0 ? total : report->full_loss;
+            // ... and less where L_r does not fall.
+            if (balanced && losses[0] > rigid_share * report->rigid_before) {
+                f->collision_share *= 0.25;
+            }
+        }
+    }
+    report->collision_share = f->collision_share;
+    return status;
+}
+
 static pc_status write_result(pci_scratch *scratch, const fit *f, pc_skin *skin,
                               pc_skin_report *report) {
     const uint32_t kept = f->problem.slots, influences = f->options->influences;
@@ -415,7 +455,7 @@ pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface, const pc
     }
     pci_scratch scratch = pci_scratch_begin(context);
     pc_skin_report r = {0};
-    fit f = {.context = context, .options = options};
+    fit f = {.context = context, .options = options, .collision_share = 1.0};
     double losses[3];
     uint64_t reflections = 0;
     status = prepare(&scratch, surface, proxy, motion, &f);
@@ -423,21 +463,8 @@ pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface, const pc
         status = measure(&scratch, &f, losses, &r.loss_before, &reflections);
         r.rigid_before = losses[0], r.collision_before = losses[1], r.attachment_before = losses[2];
     }
-    // All candidates, half way, K: cutting alone would lose most of the gain.
-    const uint32_t slots = f.problem.slots;
-    const uint32_t kept = options->influences < slots ? options->influences : slots;
-    const uint32_t widths[PHASES] = {slots, (slots + kept + 1) / 2, kept};
-    static const double ends[PHASES] = {0.4, 0.6, 1.0};
-    for (size_t phase = 0; phase < PHASES && status == PC_OK; ++phase) {
-        if (widths[phase] < f.problem.slots) {
-            status = cut(&scratch, &f, widths[phase]);
-        }
-        if (status == PC_OK) {
-            status = descend(&f, phase == 0 ? 0.0 : ends[phase - 1], ends[phase]);
-        }
-        if (status == PC_OK && phase == 0) {
-            status = measure(&scratch, &f, losses, &r.full_loss, &reflections);
-        }
+    if (status == PC_OK) {
+        status = run_phases(&scratch, &f, &r);
     }
     if (status == PC_OK) {
         status = measure(&scratch, &f, losses, &r.loss_after, &r.reflections);

@@ -342,6 +342,38 @@ static void holds_the_highest_vertices(void **state) {
     pc_context_destroy(context);
 }
 
+// Two squares, the second one below the first: both hang.
+static void every_part_hangs(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh square = {0}, mesh = {0};
+    make_square(context, 4, &square); // 25 vertices, 5 % are 1.25, so 2; of 50 together 3
+    mesh.vertex_count = 50;
+    mesh.triangle_count = 64;
+    mesh.positions = PCI_ALLOCATE(context, double, 150);
+    mesh.triangles = PCI_ALLOCATE(context, uint32_t, 192);
+    for (uint32_t k = 0; k < 150; ++k) {
+        mesh.positions[k] = square.positions[k % 75] - (k >= 75 && k % 3 == 1 ? 3.0 : 0.0);
+    }
+    for (uint32_t k = 0; k < 192; ++k) {
+        mesh.triangles[k] = square.triangles[k % 96] + (k >= 96 ? 25 : 0);
+    }
+    pc_simulate_options options = default_options();
+    options.frames = 100;
+    pc_motion motion = {0};
+    pc_simulate_report report;
+    assert_ok(context, pc_simulate(context, &mesh, &options, &motion, &report));
+    assert_int_equal(report.pinned, 5);
+    for (size_t v = 0; v < 50; ++v) {
+        assert_int_equal(motion.pinned[v], (v >= 20 && v < 23) || (v >= 45 && v < 47));
+    }
+    assert_true(report.motion_range < 0.7);
+    pc_motion_free(context, &motion);
+    pc_mesh_free(context, &mesh);
+    pc_mesh_free(context, &square);
+    pc_context_destroy(context);
+}
+
 // The unit of the file must not matter, and the up axis only turns the picture.
 static void scale_and_axis_do_not_matter(void **state) {
     (void)state;
@@ -450,6 +482,7 @@ int main(void) {
         cmocka_unit_test(wind_acts_along_the_normal),
         cmocka_unit_test(wind_is_bounded_and_turns),
         cmocka_unit_test(holds_the_highest_vertices),
+        cmocka_unit_test(every_part_hangs),
         cmocka_unit_test(scale_and_axis_do_not_matter),
         cmocka_unit_test(seeds_give_winds),
         cmocka_unit_test(errors_leave_nothing),

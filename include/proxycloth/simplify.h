@@ -1,12 +1,23 @@
 /// Stage 7 of 9, simplify: single-layer mesh -> proxy mesh with exactly N_p vertices.
 ///
 /// Clusters the vertices into a centroidal Voronoi diagram (section 3.4, Valette and Chassery
-/// 2004), one proxy vertex per cluster, one proxy triangle where three clusters meet; then removes
-/// non-manifold triangles and splits non-manifold vertices. Meshes that are too coarse are
-/// subdivided first.
+/// 2004); meshes that are too coarse are subdivided first. One proxy vertex per cluster, one
+/// triangle where three clusters meet. Cost: O(n log n) in the larger of the single layer's
+/// vertices and 16 N_p.
 ///
-/// Postconditions: manifold with boundary, consistently oriented, no degenerate triangle, no unused
-/// vertex. `shortfall` says why the count is not N_p where topology does not allow it.
+/// DEVIATION from the paper, because clusters wider than a sleeve or a strap leave flaps and holes:
+/// - The dual mesh is made by contracting each cluster with edge collapses that keep the topology
+///   (link condition), instead of removing non-manifold triangles afterwards. The proxy has the
+///   components, boundary loops and Euler number of the single layer by construction.
+/// - Clusters get smaller around narrow parts (`narrow_refinement`).
+/// - Vertices leave the centroids: they slide and edges flip towards even triangles, border
+/// vertices
+///   stay on the border and its corners, then the faces are fitted to the single layer with weight
+///   on the largest distances.
+///
+/// Input that is not manifold is repaired first. Postconditions: manifold with boundary,
+/// consistently oriented, three different vertices per triangle, no unused vertex. `shortfall` says
+/// why the count is not N_p where topology does not allow it.
 #ifndef PROXYCLOTH_SIMPLIFY_H
 #define PROXYCLOTH_SIMPLIFY_H
 
@@ -20,15 +31,15 @@ extern "C" {
 /// Why the proxy has another number of vertices than asked for.
 typedef enum pc_simplify_shortfall {
     PC_SHORTFALL_NONE = 0,
-    PC_SHORTFALL_TOPOLOGY = 1, ///< repairs needed more or left fewer vertices
-    PC_SHORTFALL_BUDGET = 2    ///< the parts need more vertices than N_p to be surfaces
+    PC_SHORTFALL_TOPOLOGY = 1, ///< the surface cannot be made of so few vertices
+    PC_SHORTFALL_BUDGET = 2    ///< parts were dropped that N_p vertices cannot represent
 } pc_simplify_shortfall;
 
 typedef struct pc_simplify_options {
     uint32_t vertices;              ///< N_p
     double narrow_refinement;       ///< longest over shortest edges; 1 is the paper's uniform mesh
     uint32_t clustering_iterations; ///< passes of boundary exchanges
-    uint32_t seed;
+    uint32_t seed;                  ///< picks the vertex of the first cluster
 } pc_simplify_options;
 
 typedef struct pc_simplify_report {
@@ -47,14 +58,13 @@ typedef struct pc_simplify_report {
 extern const pc_record pc_simplify_options_record;
 extern const pc_record pc_simplify_report_record;
 
-/// @param[in]  surface       the visual mesh, to which proxy vertices may be drawn.
-/// @param[in]  single_layer  manifold with boundary.
+/// @param[in]  single_layer  any triangle mesh, as a rule manifold with boundary.
 /// @param[out] proxy         zeroed on entry.
 /// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_OPTIONS; PC_ERROR_NO_PROXY (no
-///         triangle survives); PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
-PC_NODISCARD pc_status pc_simplify(pc_context *context, const pc_mesh *surface,
-                                   const pc_mesh *single_layer, const pc_simplify_options *options,
-                                   pc_mesh *proxy, pc_simplify_report *report);
+///         triangle, or no area); PC_ERROR_OUT_OF_MEMORY; PC_ERROR_CANCELLED.
+PC_NODISCARD pc_status pc_simplify(pc_context *context, const pc_mesh *single_layer,
+                                   const pc_simplify_options *options, pc_mesh *proxy,
+                                   pc_simplify_report *report);
 
 #ifdef __cplusplus
 }

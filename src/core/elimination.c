@@ -265,7 +265,7 @@ bool pci_eliminate(pc_context *context, const pci_signed_graph *graph, uint32_t 
             for (uint32_t b = 0; b < t->width; ++b) {
                 index |= (size_t)labels[t->scope[b]] << b;
             }
-            labels[t->top] = t->choice[index / 8] >> (index % 8) & 1u;
+            labels[t->top] = (uint8_t)((uint32_t)t->choice[index / 8] >> (index % 8) & 1u);
         }
     }
     for (size_t k = 0; k < s.table_count; ++k) {

@@ -9,7 +9,7 @@ enum { grain = 512 };
 typedef struct fitting {
     pci_relaxation *relaxation;
     const double *areas, *arcs;
-    uint32_t *elements;  // per sample, triangle or border half-edge
+    uint32_t *elements;  // per sample, triangle or border half-edge; first a vertex to start at
     double *barycentric; // per sample, 3; of a border edge origin, target, 0
     double *residuals;   // per sample, 3: from the coarse triangle to the sample
     double *squared;     // per sample, squared length of the residual
@@ -24,22 +24,6 @@ static double triangle_distance(const fitting *f, uint32_t t, const double point
     return pci_triangle_squared_distance(point, &coarse->positions[3 * (size_t)corner[0]],
                                          &coarse->positions[3 * (size_t)corner[1]],
                                          &coarse->positions[3 * (size_t)corner[2]], bary);
-}
-
-// Tries the triangles around a coarse vertex.
-static bool try_fan(const fitting *f, uint32_t v, const double point[3], double *best,
-                    uint32_t *triangle) {
-    double bary[3];
-    bool better = false;
-    PCI_FOR_OUTGOING(f->relaxation->coarse, v, h) {
-        const double distance = triangle_distance(f, h / 3, point, bary);
-        if (distance < *best) {
-            *best = distance;
-            *triangle = h / 3;
-            better = true;
-        }
-    }
-    return better;
 }
 
 static double border_distance(const fitting *f, uint32_t h, const double point[3], double bary[3]) {
@@ -69,15 +53,34 @@ static uint32_t nearest_border(const fitting *f, uint32_t h, const double point[
     return h;
 }
 
-// Walks over the triangles to the nearest one.
-static uint32_t nearest_triangle(const fitting *f, uint32_t triangle, const double point[3]) {
-    double bary[3], best = triangle_distance(f, triangle, point, bary);
+// Walks over the triangles, starting around coarse vertex v, to one that holds the nearest point
+// inside or that no triangle around that point beats.
+static uint32_t nearest_triangle(const fitting *f, uint32_t v, const double point[3]) {
+    const pci_halfedge *coarse = f->relaxation->coarse;
+    double bary[3], best = INFINITY, best_bary[3] = {0.0};
+    uint32_t triangle = PC_INVALID_INDEX;
+    uint32_t around[2] = {v, PC_INVALID_INDEX}; // vertices of the edge that the point is on
     for (bool moved = true; moved;) {
-        const uint32_t *corner = &f->relaxation->coarse->corners[3 * (size_t)triangle];
         moved = false;
-        for (size_t c = 0; c < 3; ++c) {
-            moved |= try_fan(f, corner[c], point, &best, &triangle);
+        for (size_t i = 0; i < 2 && around[i] != PC_INVALID_INDEX; ++i) {
+            PCI_FOR_OUTGOING(coarse, around[i], h) {
+                const double distance = triangle_distance(f, h / 3, point, bary);
+                if (distance < best) {
+                    best = distance;
+                    triangle = h / 3;
+                    memcpy(best_bary, bary, sizeof(best_bary));
+                    moved = true;
+                }
+            }
         }
+        size_t count = 0;
+        around[0] = around[1] = PC_INVALID_INDEX;
+        for (size_t c = 0; moved && c < 3; ++c) {
+            if (best_bary[c] > 0.0 && count++ < 2) {
+                around[count - 1] = coarse->corners[3 * (size_t)triangle + c];
+            }
+        }
+        moved = moved && count < 3;
     }
     return triangle;
 }
@@ -232,8 +235,7 @@ bool pci_fit(pci_scratch *scratch, pci_relaxation *relaxation, const uint32_t *n
     for (size_t pass = 0; pass < passes; ++pass) {
         // Flips renumber triangles and half-edges: start again from the vertices.
         for (size_t s = 0; s < samples; ++s) {
-            const uint32_t h = coarse->outgoing[nearby[s]];
-            f.elements[s] = arcs[s] > 0.0 ? h : h / 3;
+            f.elements[s] = arcs[s] > 0.0 ? coarse->outgoing[nearby[s]] : nearby[s];
         }
         pci_parallel_for(scratch->context, samples, grain, find_residuals, &f);
         sum_pulls(&f);

@@ -360,9 +360,9 @@ static pc_status simplify(pci_scratch *scratch, pc_mesh *layer, const pc_simplif
     return measure(scratch, proxy, options->vertices, report);
 }
 
-static pc_status check_arguments(pc_context *context, const pc_mesh *surface,
-                                 const pc_mesh *single_layer, const pc_mesh *proxy) {
-    if (surface == NULL || single_layer == NULL || proxy == NULL) {
+static pc_status check_arguments(pc_context *context, const pc_mesh *single_layer,
+                                 const pc_mesh *proxy) {
+    if (single_layer == NULL || proxy == NULL) {
         return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, "simplify",
                         "simplify: a mesh is missing");
     }
@@ -386,10 +386,10 @@ static pc_status check_arguments(pc_context *context, const pc_mesh *surface,
     return PC_OK;
 }
 
-pc_status pc_simplify(pc_context *context, const pc_mesh *surface, const pc_mesh *single_layer,
+pc_status pc_simplify(pc_context *context, const pc_mesh *single_layer,
                       const pc_simplify_options *options, pc_mesh *proxy,
                       pc_simplify_report *report) {
-    pc_status status = check_arguments(context, surface, single_layer, proxy);
+    pc_status status = check_arguments(context, single_layer, proxy);
     if (status != PC_OK) {
         return status;
     }

@@ -1,6 +1,7 @@
 #include "support/test.h"
 
 #include "core/topology.h"
+#include "support/memory.h"
 #include "support/surfaces.h"
 
 // Consistently oriented manifold without unused vertices; the postconditions of the stage.
@@ -183,7 +184,7 @@ static void survives_random_labels(void **state) {
             pc_simplify_options small;
             pc_record_set_defaults(&pc_simplify_options_record, &small);
             small.vertices = 40;
-            assert_ok(context, pc_simplify(context, &ball, &layer, &small, &proxy, NULL));
+            assert_ok(context, pc_simplify(context, &layer, &small, &proxy, NULL));
             pc_mesh_free(context, &proxy);
         } else {
             assert_int_equal(status, PC_ERROR_NO_PROXY);
@@ -239,6 +240,78 @@ static void carves_the_gap_between_sheets(void **state) {
     pc_context_destroy(context);
 }
 
+static void survives_lack_of_memory(void **state) {
+    (void)state;
+    counting_allocator counter = {0};
+    pc_context *context = counting_context(&counter);
+    pc_mesh ball = test_sphere(context, 4), layer = {0};
+    pc_labels labels = make_labels(context, ball.vertex_count, 1);
+    for (size_t v = 0; v < ball.vertex_count; ++v) {
+        labels.labels[v] = ball.positions[3 * v] > -0.5;
+    }
+    pc_carve_options options;
+    pc_record_set_defaults(&pc_carve_options_record, &options);
+    options.carve = true;
+    const size_t live = counter.live;
+    size_t failures = 0;
+    for (pc_status status = PC_ERROR_OUT_OF_MEMORY; status != PC_OK; ++failures) {
+        counter.calls = 0;
+        counter.fail_at = failures + 1;
+        status = pc_carve(context, &ball, &ball, &labels, 0.5, &options, &layer, NULL);
+        if (status != PC_OK) {
+            assert_int_equal(status, PC_ERROR_OUT_OF_MEMORY);
+            assert_int_equal(counter.live, live);
+            assert_null(layer.positions);
+        }
+    }
+    assert_true(failures > 40);
+    pc_mesh_free(context, &layer);
+    pc_labels_free(context, &labels);
+    pc_mesh_free(context, &ball);
+    pc_context_destroy(context);
+    assert_int_equal(counter.live, 0);
+}
+
+static void is_deterministic(void **state) {
+    (void)state;
+    static const uint32_t threads[] = {1, 2, 3, 8};
+    pc_mesh first = {0};
+    pc_context *owner = test_context(1);
+    for (size_t i = 0; i < 4; ++i) {
+        pc_context *context = i == 0 ? owner : test_context(threads[i]);
+        pc_mesh ball = test_torus(context, 30, 20, 1.0, 0.4), layer = {0};
+        pc_labels labels = make_labels(context, ball.vertex_count, 0);
+        for (size_t v = 0; v < ball.vertex_count; ++v) {
+            labels.labels[v] = ball.positions[3 * v] > -0.5;
+        }
+        pc_mesh visual = test_sheet(context, 9, 9, 1.0, 1.0);
+        pc_carve_options options;
+        pc_record_set_defaults(&pc_carve_options_record, &options);
+        options.carve = true;
+        options.carve_distance = 2.0;
+        assert_ok(context, pc_carve(context, &visual, &ball, &labels, 0.2, &options, &layer, NULL));
+        if (i == 0) {
+            first = layer;
+        } else {
+            assert_int_equal(layer.triangle_count, first.triangle_count);
+            assert_int_equal(layer.vertex_count, first.vertex_count);
+            assert_memory_equal(layer.positions, first.positions,
+                                3 * first.vertex_count * sizeof(double));
+            assert_memory_equal(layer.triangles, first.triangles,
+                                3 * first.triangle_count * sizeof(uint32_t));
+            pc_mesh_free(context, &layer);
+        }
+        pc_mesh_free(context, &visual);
+        pc_labels_free(context, &labels);
+        pc_mesh_free(context, &ball);
+        if (i > 0) {
+            pc_context_destroy(context);
+        }
+    }
+    pc_mesh_free(owner, &first);
+    pc_context_destroy(owner);
+}
+
 static void rejects_bad_arguments(void **state) {
     (void)state;
     pc_context *context = test_context(1);
@@ -277,6 +350,8 @@ int main(void) {
         cmocka_unit_test(drops_small_parts),
         cmocka_unit_test(survives_random_labels),
         cmocka_unit_test(carves_the_gap_between_sheets),
+        cmocka_unit_test(survives_lack_of_memory),
+        cmocka_unit_test(is_deterministic),
         cmocka_unit_test(rejects_bad_arguments),
     };
     return cmocka_run_group_tests_name("carve", tests, NULL, NULL);

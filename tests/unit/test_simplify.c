@@ -1,6 +1,7 @@
 #include "support/test.h"
 
 #include "core/topology.h"
+#include "support/memory.h"
 #include "support/surfaces.h"
 
 typedef struct shape {
@@ -69,7 +70,7 @@ static pc_mesh simplified(pc_context *context, pc_mesh *mesh, uint32_t vertices,
     pc_record_set_defaults(&pc_simplify_options_record, &options);
     options.vertices = vertices;
     pc_mesh proxy = {0};
-    assert_ok(context, pc_simplify(context, mesh, mesh, &options, &proxy, report));
+    assert_ok(context, pc_simplify(context, mesh, &options, &proxy, report));
     pc_mesh_free(context, mesh);
     return proxy;
 }
@@ -275,33 +276,124 @@ static void is_deterministic(void **state) {
     pc_context_destroy(owner);
 }
 
+// A thin tube that widens to a drum: with refinement its edges get shorter than the drum's.
+static void refines_narrow_parts(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    double length[2][2] = {{0.0}}; // mean edge of the thin and the wide half, uniform and refined
+    for (size_t refined = 0; refined < 2; ++refined) {
+        pc_mesh tube = test_tube(context, 40, 80, 1.0, 8.0);
+        for (size_t v = 0; v < tube.vertex_count; ++v) {
+            double *p = &tube.positions[3 * v];
+            const double radius = p[1] < 4.0 ? 0.3 : 1.5;
+            p[0] *= radius, p[2] *= radius;
+        }
+        pc_simplify_options options;
+        pc_record_set_defaults(&pc_simplify_options_record, &options);
+        options.vertices = 100;
+        options.narrow_refinement = refined ? 2.0 : 1.0;
+        pc_mesh proxy = {0};
+        assert_ok(context, pc_simplify(context, &tube, &options, &proxy, NULL));
+        check_manifold(context, &proxy);
+        size_t count[2] = {0};
+        for (size_t h = 0; h < 3 * proxy.triangle_count; ++h) {
+            const double *a = &proxy.positions[3 * (size_t)proxy.triangles[h]];
+            const double *b =
+                &proxy.positions[3 * (size_t)proxy.triangles[h - h % 3 + (h + 1) % 3]];
+            if (fmax(a[1], b[1]) < 3.5 || fmin(a[1], b[1]) > 4.5) {
+                const size_t wide = a[1] > 4.0;
+                length[refined][wide] += sqrt(pci_squared_distance(a, b));
+                ++count[wide];
+            }
+        }
+        length[refined][0] /= (double)count[0];
+        length[refined][1] /= (double)count[1];
+        pc_mesh_free(context, &proxy);
+        pc_mesh_free(context, &tube);
+    }
+    assert_true(length[1][0] < 0.8 * length[0][0]);
+    assert_true(length[1][0] < 0.7 * length[1][1]);
+    assert_true(length[1][1] > length[0][1]);
+    pc_context_destroy(context);
+}
+
+// Closed caps are the extremes of a shape; the proxy reaches them although no cluster's centroid
+// does, and its faces stay as near as its vertices.
+static void fits_faces_not_vertices(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh ball = test_sphere(context, 16);
+    pc_mesh proxy = simplified(context, &ball, 60, NULL);
+    double least = INFINITY, most = 0.0;
+    for (size_t t = 0; t < proxy.triangle_count; ++t) {
+        const uint32_t *corner = &proxy.triangles[3 * t];
+        double middle[3] = {0.0};
+        for (size_t c = 0; c < 3; ++c) {
+            const double *p = &proxy.positions[3 * (size_t)corner[c]];
+            most = fmax(most, pci_norm(p));
+            for (size_t k = 0; k < 3; ++k) {
+                middle[k] += p[k] / 3.0;
+            }
+        }
+        least = fmin(least, pci_norm(middle));
+    }
+    // Inscribed, the faces would be about 0.1 below the sphere.
+    assert_true(most > 1.02 && most < 1.09);
+    assert_true(least > 0.92 && least < 1.0);
+    pc_mesh_free(context, &proxy);
+    pc_context_destroy(context);
+}
+
+static void survives_lack_of_memory(void **state) {
+    (void)state;
+    counting_allocator counter = {0};
+    pc_context *context = counting_context(&counter);
+    pc_mesh sheet = test_sheet(context, 4, 4, 1.0, 1.0), proxy = {0};
+    pc_simplify_options options;
+    pc_record_set_defaults(&pc_simplify_options_record, &options);
+    options.vertices = 12;
+    const size_t live = counter.live;
+    size_t failures = 0;
+    for (pc_status status = PC_ERROR_OUT_OF_MEMORY; status != PC_OK; ++failures) {
+        counter.calls = 0;
+        counter.fail_at = failures + 1;
+        status = pc_simplify(context, &sheet, &options, &proxy, NULL);
+        if (status != PC_OK) {
+            assert_int_equal(status, PC_ERROR_OUT_OF_MEMORY);
+            assert_int_equal(counter.live, live);
+            assert_null(proxy.positions);
+        }
+    }
+    assert_true(failures > 50);
+    pc_mesh_free(context, &proxy);
+    pc_mesh_free(context, &sheet);
+    pc_context_destroy(context);
+    assert_int_equal(counter.live, 0);
+}
+
 static void rejects_bad_arguments(void **state) {
     (void)state;
     pc_context *context = test_context(1);
     pc_mesh sheet = test_sheet(context, 2, 2, 1.0, 1.0), proxy = {0};
     pc_simplify_options options;
     pc_record_set_defaults(&pc_simplify_options_record, &options);
-    assert_int_equal(pc_simplify(context, &sheet, NULL, NULL, &proxy, NULL),
-                     PC_ERROR_INVALID_ARGUMENT);
-    assert_int_equal(pc_simplify(context, &sheet, &sheet, NULL, &sheet, NULL),
-                     PC_ERROR_INVALID_ARGUMENT);
+    assert_int_equal(pc_simplify(context, NULL, NULL, &proxy, NULL), PC_ERROR_INVALID_ARGUMENT);
+    assert_int_equal(pc_simplify(context, &sheet, NULL, &sheet, NULL), PC_ERROR_INVALID_ARGUMENT);
     options.vertices = 3;
-    assert_int_equal(pc_simplify(context, &sheet, &sheet, &options, &proxy, NULL),
+    assert_int_equal(pc_simplify(context, &sheet, &options, &proxy, NULL),
                      PC_ERROR_INVALID_OPTIONS);
     options.vertices = 8;
     sheet.triangles[4] = 9;
-    assert_int_equal(pc_simplify(context, &sheet, &sheet, &options, &proxy, NULL),
+    assert_int_equal(pc_simplify(context, &sheet, &options, &proxy, NULL),
                      PC_ERROR_INVALID_ARGUMENT);
     sheet.triangles[4] = 0;
     sheet.positions[5] = NAN;
-    assert_int_equal(pc_simplify(context, &sheet, &sheet, &options, &proxy, NULL),
+    assert_int_equal(pc_simplify(context, &sheet, &options, &proxy, NULL),
                      PC_ERROR_INVALID_ARGUMENT);
     memset(sheet.positions, 0, 3 * sheet.vertex_count * sizeof(double));
-    assert_int_equal(pc_simplify(context, &sheet, &sheet, &options, &proxy, NULL),
-                     PC_ERROR_NO_PROXY);
+    assert_int_equal(pc_simplify(context, &sheet, &options, &proxy, NULL), PC_ERROR_NO_PROXY);
     const pc_mesh empty = {0};
-    assert_int_equal(pc_simplify(context, &sheet, &empty, &options, &proxy, NULL),
-                     PC_ERROR_NO_PROXY);
+    assert_int_equal(pc_simplify(context, &empty, &options, &proxy, NULL), PC_ERROR_NO_PROXY);
     assert_null(proxy.positions);
     assert_null(proxy.triangles);
     pc_mesh_free(context, &sheet);
@@ -318,6 +410,9 @@ int main(void) {
         cmocka_unit_test(hems_do_not_shrink),
         cmocka_unit_test(repairs_its_input),
         cmocka_unit_test(is_deterministic),
+        cmocka_unit_test(refines_narrow_parts),
+        cmocka_unit_test(fits_faces_not_vertices),
+        cmocka_unit_test(survives_lack_of_memory),
         cmocka_unit_test(rejects_bad_arguments),
     };
     return cmocka_run_group_tests_name("simplify", tests, NULL, NULL);

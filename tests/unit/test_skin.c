@@ -623,7 +623,6 @@ static void beats_the_closest_triangle(void **state) {
         assert_true(report.loss_after < 0.6 * report.loss_before);
         assert_true(report.full_loss < report.loss_before);
         assert_true(report.rigid_after < report.rigid_before);
-        assert_true(report.rigid_after < report.rigid_before);
         assert_in_range(report.bones_used, 1, f.proxy.vertex_count);
         // The report is the losses of the result.
         assert_ok(f.context,

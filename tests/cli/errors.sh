@@ -166,7 +166,7 @@ answer "130  interrupted" --help
 answer "--voxels NUMBER .*default 32; 4..1024" help build
 answer "--carve, --no-carve" build --help
 answer "usage: proxycloth label" label -h
-answer '"sheet".* 4 vertices, 2 triangles' info cloth.obj
+answer '"sheet" .* 4 +2 +1 x 1 x 0' info cloth.obj
 answer '"triangles":.2' info cloth.obj --json
 answer "^hausdorff +0" evaluate cloth.obj cloth.obj
 answer '"hausdorff":.0' evaluate cloth.obj cloth.obj --json

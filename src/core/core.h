@@ -100,8 +100,7 @@ static inline bool pci_normalize(double a[3]) {
     return true;
 }
 
-// ---- descriptions of structs
-// ----------------------------------------------------------------------
+// ---- descriptions of structs -------------------------------------------------------------------
 
 #define PCI_FIELD_OPTION(struct_type, member, kind, default_, min_, max_, unit_, help_)            \
     {                                                                                              \

@@ -194,8 +194,7 @@ static bool separate(pci_cycle_program *p, tree *t, uint32_t round, size_t *new_
     return true;
 }
 
-// ---- rounds
-// --------------------------------------------------------------------------------------
+// ---- rounds ------------------------------------------------------------------------------------
 
 // Vertices that stay when every edge whose wish must be granted is contracted.
 static size_t count_contracted(const pci_signed_graph *graph, const int64_t *residuals, int64_t gap,

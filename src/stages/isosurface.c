@@ -21,9 +21,9 @@ const pc_record pc_isosurface_report_record = PCI_RECORD(report_fields, pc_isosu
 // Lattice points that lie exactly on the iso-surface, as on flat input, count as inside.
 #define ISO_SLACK 1e-6
 
-// Vertices keep this distance, in cells, from the ends of their lattice edge. It moves one vertex in
-// five, by .05 cells on average, and there is no triangle left with an angle below 5 degrees (6 % of
-// them without it, on 13 garments at N_v = 32).
+// Vertices keep this distance, in cells, from the ends of their lattice edge. It moves one vertex
+// in five, by .05 cells on average, and no triangle has an angle below 5 degrees (6 % of them
+// without it, on 13 garments at N_v = 32).
 #define END_CLEARANCE 0.1
 
 // ---- the rule -----------------------------------------------------------------------------------

@@ -486,8 +486,7 @@ pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface, const pc
     return status;
 }
 
-// ---- baseline, evaluation, deformation
-// ------------------------------------------------------------
+// ---- baseline, evaluation, deformation ---------------------------------------------------------
 
 pc_status pc_skin_closest_triangle(pc_context *context, const pc_mesh *surface,
                                    const pc_mesh *proxy, pc_skin *skin) {

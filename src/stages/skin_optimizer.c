@@ -202,8 +202,7 @@ static void use_block(workspace *w, size_t block, size_t kept) {
     w->data.quaternions = w->quaternions + kept * w->quaternion_size;
 }
 
-// ---- losses and gradient of all frames
-// ------------------------------------------------------------
+// ---- losses and gradient of all frames ---------------------------------------------------------
 
 typedef struct pass_job {
     workspace *w;
@@ -327,8 +326,7 @@ pc_status pci_skin_gradient(pc_context *context, const pci_skin_problem *problem
     return status;
 }
 
-// ---- AdamW
-// ----------------------------------------------------------------------------------------
+// ---- AdamW -------------------------------------------------------------------------------------
 
 double pci_skin_normalize(const double *surrogate, uint32_t slots, double *weights) {
     double sum = 0.0;

@@ -25,6 +25,13 @@ bool pci_progress(pc_context *context, const char *stage, double fraction);
 
 pc_status pci_fail_cancelled(pc_context *context, const char *stage);
 
+// ---- options ------------------------------------------------------------------------------------
+
+// What every stage does with its options: copies `given` (NULL: the defaults) to `chosen`, then
+// checks the ranges. PC_OK; PC_ERROR_INVALID_OPTIONS.
+PC_NODISCARD pc_status pci_choose_options(pc_context *context, const char *stage,
+                                          const pc_record *record, const void *given, void *chosen);
+
 // ---- memory that outlives the call --------------------------------------------------------------
 
 // Zeroed memory for count * size bytes, or NULL (also when the product overflows). A count of 0

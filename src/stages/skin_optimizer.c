@@ -3,7 +3,7 @@
 #include "core/topology.h"
 #include "stages/skin_internal.h"
 
-static const char *const stage_name = "skin";
+static const char stage[] = "skin";
 
 enum { PIECE = 64 }; // vertices per piece of a parallel loop
 
@@ -268,7 +268,7 @@ pc_status pci_skin_measure(pc_context *context, const pci_skin_problem *problem,
     pci_skin_sums *sums = PCI_SCRATCH(&scratch, pci_skin_sums, pieces);
     memset(measures, 0, sizeof(*measures));
     if (scratch.failed || !build_sequential(&scratch, problem, kernel, weights, &w)) {
-        status = pci_fail_memory(context, stage_name);
+        status = pci_fail_memory(context, stage);
     }
     for (size_t b = 0; status == PC_OK && b < w.block_count; ++b) {
         use_block(&w, b, 0);
@@ -307,7 +307,7 @@ pc_status pci_skin_gradient(pc_context *context, const pci_skin_problem *problem
     workspace w;
     pc_status status = PC_OK;
     if (!build_sequential(&scratch, problem, kernel, weights, &w)) {
-        status = pci_fail_memory(context, stage_name);
+        status = pci_fail_memory(context, stage);
     } else {
         for (size_t x = 0; x < 3; ++x) {
             w.data.scale[x] = scale[x] / (w.unit * w.unit);
@@ -414,10 +414,10 @@ static pc_status run_epochs(descent *d, size_t per_step, uint32_t *steps, size_t
     double power[2] = {1.0, 1.0}, done = 0.0;
     for (uint32_t epoch = 0; epoch < settings->epochs; ++epoch) {
         const double share = (double)epoch / (double)settings->epochs;
-        if (!pci_progress(w->context, stage_name,
+        if (!pci_progress(w->context, stage,
                           settings->progress_begin +
                               share * (settings->progress_end - settings->progress_begin))) {
-            return pci_fail_cancelled(w->context, stage_name);
+            return pci_fail_cancelled(w->context, stage);
         }
         shuffle(steps, step_count, settings->seed, 2 + (uint64_t)epoch);
         for (size_t i = 0; i < step_count; ++i) {
@@ -468,7 +468,7 @@ pc_status pci_skin_descend(pc_context *context, const pci_skin_problem *problem,
     d.second = PCI_SCRATCH(&scratch, double, count);
     pc_status status = PC_OK;
     if (scratch.failed) {
-        status = pci_fail_memory(context, stage_name);
+        status = pci_fail_memory(context, stage);
         goto cleanup;
     }
     // Batches mix frames of the whole motion.
@@ -486,7 +486,7 @@ pc_status pci_skin_descend(pc_context *context, const pci_skin_problem *problem,
         steps[i] = (uint32_t)i;
     }
     if (!build_workspace(&scratch, problem, kernel, block_count, frames, block_count, &d.w)) {
-        status = pci_fail_memory(context, stage_name);
+        status = pci_fail_memory(context, stage);
         goto cleanup;
     }
     for (size_t v = 0; v < nv; ++v) {

@@ -70,16 +70,6 @@ pc_status pc_record_check(pc_context *context, const char *stage, const pc_recor
     return PC_OK;
 }
 
-pc_status pci_choose_options(pc_context *context, const char *stage, const pc_record *record,
-                             const void *given, void *chosen) {
-    if (given != NULL) {
-        memcpy(chosen, given, record->size);
-    } else {
-        pc_record_set_defaults(record, chosen);
-    }
-    return pc_record_check(context, stage, record, chosen);
-}
-
 const pc_field *pc_record_find(const pc_record *record, const char *name) {
     for (size_t i = 0; i < record->field_count; ++i) {
         if (strcmp(record->fields[i].name, name) == 0) {

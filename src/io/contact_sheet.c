@@ -287,7 +287,7 @@ pc_status pc_export_contact_sheet(pc_context *context, const pc_asset *asset,
     }
     pc_contact_sheet_options chosen;
     pc_status status =
-        pci_choose_options(context, stage, &pc_contact_sheet_options_record, options, &chosen);
+        pci_begin_stage(context, stage, &pc_contact_sheet_options_record, options, &chosen);
     if (status != PC_OK) {
         return status;
     }

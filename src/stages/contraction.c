@@ -85,8 +85,12 @@ bool pci_contract_to(pci_contraction *m, size_t vertices) {
             }
         }
         pci_heap_entry entry;
-        while (m->coarse.live_vertices > vertices && pci_heap_pop(&cheapest, &entry)) {
+        for (uint32_t pops = 1;
+             m->coarse.live_vertices > vertices && pci_heap_pop(&cheapest, &entry); ++pops) {
             const uint32_t h = entry.item;
+            if (pops % 1024 == 0 && !pci_keep_going(m->scratch->context)) {
+                return false;
+            }
             if (!pci_is_edge(&m->coarse, h) || merge_cost(m, h) != entry.key ||
                 !pci_can_collapse(&m->coarse, h)) {
                 continue;

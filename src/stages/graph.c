@@ -321,7 +321,9 @@ static pc_status build(pc_context *context, pci_scratch *scratch, work *w, pc_gr
     pci_vertex_normals(w->mesh, normals);
     w->topology = &topology, w->normals = normals;
     w->curvatures = graph->curvatures, w->outer_distances = graph->outer_distances;
-    pci_parallel_for(context, nv, GRAIN, find_curvatures, w);
+    if (!pci_parallel_while_wanted(context, nv, GRAIN, find_curvatures, w)) {
+        return pci_fail_cancelled(context, stage);
+    }
     memcpy(graph->edges, topology.edges, 2 * topology.edge_count * sizeof(*graph->edges));
     const double largest = find_edge_weights(&topology, graph->curvatures, nv, graph->edge_weights);
     if (!pci_progress(context, stage, 0.3)) {
@@ -329,7 +331,9 @@ static pc_status build(pc_context *context, pci_scratch *scratch, work *w, pc_gr
     }
 
     // Opposite terms.
-    pci_parallel_for(context, nv, GRAIN, find_opposites, w);
+    if (!pci_parallel_while_wanted(context, nv, GRAIN, find_opposites, w)) {
+        return pci_fail_cancelled(context, stage);
+    }
     graph->opposite_count = collect_pairs(w, pairs);
     graph->opposites = PCI_ALLOCATE(context, uint32_t, 2 * graph->opposite_count);
     graph->opposite_signs = PCI_ALLOCATE(context, int8_t, graph->opposite_count);
@@ -375,7 +379,7 @@ pc_status pc_build_graph(pc_context *context, const pc_mesh *projected, double c
     pc_graph_options chosen;
     pc_status status = pci_check_mesh(context, stage, projected, "projected mesh");
     if (status == PC_OK) {
-        status = pci_choose_options(context, stage, &pc_graph_options_record, options, &chosen);
+        status = pci_begin_stage(context, stage, &pc_graph_options_record, options, &chosen);
     }
     if (status != PC_OK) {
         return status;

@@ -454,8 +454,10 @@ static pc_status extract(pc_context *context, pci_scratch *scratch, extraction *
     for (uint32_t inside = 0; inside < 256; ++inside) {
         derive_case(inside, &e->cases[inside]);
     }
-    pci_parallel_for(context, e->row_count, row_grain, find_crossings, e);
-    pci_parallel_for(context, e->row_count, row_grain, count_triangles, e);
+    if (!pci_parallel_while_wanted(context, e->row_count, row_grain, find_crossings, e) ||
+        !pci_parallel_while_wanted(context, e->row_count, row_grain, count_triangles, e)) {
+        return pci_fail_cancelled(context, stage);
+    }
     e->mesh.vertex_count = accumulate(e->row_vertices, e->row_count);
     e->mesh.triangle_count = accumulate(e->row_triangles, e->row_count);
     if (e->mesh.triangle_count > INT32_MAX) {
@@ -467,8 +469,10 @@ static pc_status extract(pc_context *context, pci_scratch *scratch, extraction *
     if (e->mesh.positions == NULL || e->mesh.triangles == NULL) {
         return pci_fail_memory(context, stage);
     }
-    pci_parallel_for(context, e->row_count, row_grain, place_vertices, e);
-    pci_parallel_for(context, e->row_count, row_grain, fill_cells, e);
+    if (!pci_parallel_while_wanted(context, e->row_count, row_grain, place_vertices, e) ||
+        !pci_parallel_while_wanted(context, e->row_count, row_grain, fill_cells, e)) {
+        return pci_fail_cancelled(context, stage);
+    }
     return PC_OK;
 }
 
@@ -502,7 +506,7 @@ pc_status pc_isosurface(pc_context *context, const pc_grid *grid,
     }
     pc_isosurface_options chosen;
     pc_status status =
-        pci_choose_options(context, stage, &pc_isosurface_options_record, options, &chosen);
+        pci_begin_stage(context, stage, &pc_isosurface_options_record, options, &chosen);
     const double iso = chosen.iso_voxels * grid->cell_size * (1.0 + ISO_SLACK);
     if (status == PC_OK) {
         status = check_grid(context, grid, iso);

@@ -183,8 +183,7 @@ pc_status pc_label(pc_context *context, const pc_graph *graph, const pc_label_op
                         "label: the graph is missing, or the output is not empty");
     }
     pc_label_options chosen;
-    pc_status status =
-        pci_choose_options(context, stage, &pc_label_options_record, options, &chosen);
+    pc_status status = pci_begin_stage(context, stage, &pc_label_options_record, options, &chosen);
     if (status == PC_OK) {
         status = check_graph(context, graph);
     }

@@ -147,14 +147,17 @@ static void measure_energy(void *user, size_t begin, size_t end, uint32_t worker
     p->partial[begin / GRAIN] = energy;
 }
 
-// Refreshes p and, for x = v, `scaled`; returns the energy per vertex in squared voxels.
-static double refresh(problem *p) {
-    pci_parallel_for(p->context, p->count, GRAIN, find_nearest, p);
+// Refreshes p and, for x = v, `scaled`, and the energy per vertex in squared voxels.
+static pc_status refresh(problem *p, double *energy) {
+    if (!pci_parallel_while_wanted(p->context, p->count, GRAIN, find_nearest, p)) {
+        return pci_fail_cancelled(p->context, stage);
+    }
     p->have_nearest = true;
     p->x = p->v;
     pci_parallel_for(p->context, p->count, GRAIN, apply_laplacian, p);
     pci_parallel_for(p->context, p->count, GRAIN, measure_energy, p);
-    return sum_of_pieces(p) / ((double)p->count * p->cell_size * p->cell_size);
+    *energy = sum_of_pieces(p) / ((double)p->count * p->cell_size * p->cell_size);
+    return PC_OK;
 }
 
 // ---- VectorAdam ---------------------------------------------------------------------------------
@@ -187,7 +190,10 @@ static pc_status run_vector_adam(problem *p, pci_scratch *scratch, uint32_t iter
                 p->v[3 * i + k] -= scale * first[3 * i + k];
             }
         }
-        report->energy_after = refresh(p);
+        const pc_status status = refresh(p, &report->energy_after);
+        if (status != PC_OK) {
+            return status;
+        }
         report->iterations = t + 1;
         if (!pci_progress(p->context, stage, (double)(t + 1) / iterations)) {
             return pci_fail_cancelled(p->context, stage);
@@ -330,9 +336,11 @@ static pc_status run_alternation(problem *p, pci_scratch *scratch, uint32_t iter
         } else {
             conjugate_gradients(&g);
         }
+        const double previous = report->energy_after;
         if (status == PC_OK) {
-            const double previous = report->energy_after;
-            report->energy_after = refresh(p);
+            status = refresh(p, &report->energy_after);
+        }
+        if (status == PC_OK) {
             report->iterations = t + 1;
             converged = previous - report->energy_after <= ENERGY_TOLERANCE * previous;
         }
@@ -368,12 +376,16 @@ static pc_status run(problem *p, pci_scratch *scratch, const pc_mesh *isosurface
     p->v = projected->positions;
     p->topology = &topology;
 
-    report->energy_before = report->energy_after = refresh(p);
+    pc_status status = refresh(p, &report->energy_before);
+    if (status != PC_OK) {
+        return status;
+    }
+    report->energy_after = report->energy_before;
     const bool adam = p->options->projection_solver == PC_PROJECT_VECTOR_ADAM;
     const uint32_t asked = p->options->projection_iterations;
     const uint32_t iterations = asked != 0 ? asked : adam ? ADAM_ITERATIONS : ALTERNATIONS;
-    const pc_status status = adam ? run_vector_adam(p, scratch, iterations, report)
-                                  : run_alternation(p, scratch, iterations, report);
+    status = adam ? run_vector_adam(p, scratch, iterations, report)
+                  : run_alternation(p, scratch, iterations, report);
     for (size_t i = 0; i < p->count && status == PC_OK; ++i) {
         const double distance =
             sqrt(pci_squared_distance(&p->v[3 * i], &p->nearest[3 * i])) / p->cell_size;
@@ -401,7 +413,7 @@ pc_status pc_project(pc_context *context, const pc_mesh *surface, const pc_mesh 
         status = pci_check_mesh(context, stage, isosurface, "iso-surface");
     }
     if (status == PC_OK) {
-        status = pci_choose_options(context, stage, &pc_project_options_record, options, &chosen);
+        status = pci_begin_stage(context, stage, &pc_project_options_record, options, &chosen);
     }
     if (status != PC_OK) {
         return status;

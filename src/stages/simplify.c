@@ -376,7 +376,7 @@ pc_status pc_simplify(pc_context *context, const pc_mesh *single_layer,
     pc_simplify_options chosen;
     pc_status status = pci_check_mesh(context, stage, single_layer, "single layer");
     if (status == PC_OK) {
-        status = pci_choose_options(context, stage, &pc_simplify_options_record, options, &chosen);
+        status = pci_begin_stage(context, stage, &pc_simplify_options_record, options, &chosen);
     }
     if (status != PC_OK) {
         return status;

@@ -471,7 +471,7 @@ pc_status pc_simulate(pc_context *context, const pc_mesh *proxy, const pc_simula
     pc_simulate_options chosen;
     pc_status status = pci_check_mesh(context, stage, proxy, "proxy mesh");
     if (status == PC_OK) {
-        status = pci_choose_options(context, stage, &pc_simulate_options_record, options, &chosen);
+        status = pci_begin_stage(context, stage, &pc_simulate_options_record, options, &chosen);
     }
     if (status != PC_OK) {
         return status;

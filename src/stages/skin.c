@@ -87,7 +87,7 @@ static pc_status check_input(pc_context *context, const pc_mesh *surface, const 
         status = check_motion(context, proxy, motion);
     }
     if (status == PC_OK) {
-        status = pci_choose_options(context, stage, &pc_skin_options_record, options, chosen);
+        status = pci_begin_stage(context, stage, &pc_skin_options_record, options, chosen);
     }
     return status;
 }

@@ -271,6 +271,10 @@ pc_status pci_skin_measure(pc_context *context, const pci_skin_problem *problem,
         status = pci_fail_memory(context, stage);
     }
     for (size_t b = 0; status == PC_OK && b < w.block_count; ++b) {
+        if (!pci_keep_going(context)) {
+            status = pci_fail_cancelled(context, stage);
+            break;
+        }
         use_block(&w, b, 0);
         memset(sums, 0, pieces * sizeof(*sums));
         run_pass(&w, displace_piece, NULL);

@@ -376,7 +376,7 @@ pc_status pc_voxelize(pc_context *context, const pc_mesh *surface,
     pci_bvh *bvh = NULL;
     pci_scratch scratch = pci_scratch_begin(context);
     pc_status status =
-        pci_choose_options(context, stage, &pc_voxelize_options_record, options, &chosen);
+        pci_begin_stage(context, stage, &pc_voxelize_options_record, options, &chosen);
     if (status == PC_OK) {
         status = place_lattice(context, surface, chosen.voxels, &v.grid);
     }

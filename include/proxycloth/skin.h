@@ -20,10 +20,10 @@
 /// DEVIATION: the weights are cut from k_B candidates to K influences in two steps and optimised
 /// again after each; engines take 4 influences, and cutting alone multiplies L_r by about five.
 ///
-/// DEVIATION: where the proxy moves layers through each other no weights can satisfy L_c, so it
-/// must not cost L_r: lambda_c is multiplied by L_r / L_c of the first guess if that is below 1,
-/// and divided by 4 when L_r is still above 70 % of the first guess after 40 % and 60 % of the
-/// epochs.
+/// DEVIATION: where the proxy moves layers through each other no weights can satisfy L_c and L_a,
+/// so they must not cost L_r: both lambdas are multiplied by L_r / L_c of the first guess if that
+/// is below 1, and divided by 4 when L_r is still above 70 % of the first guess after 40 % and 60 %
+/// of the epochs.
 ///
 /// The objective is 0 for equal weights everywhere, so it also rewards less motion: on unseen winds
 /// the result moves a few percent less than the proxy, and parts that hang on held vertices drift.
@@ -72,10 +72,10 @@ typedef struct pc_skin_report {
     double rigid_before, rigid_after;           ///< L_r, normalised
     double collision_before, collision_after;   ///< L_c, normalised
     double attachment_before, attachment_after; ///< L_a, normalised
-    double full_loss;       ///< loss_after with all candidates, before the cut to K
-    double collision_share; ///< of lambda_c that was used in the last epochs, 0..1
-    uint64_t reflections;   ///< vertex-frames with det(S) < 0 at the end
-    uint64_t bones_used;    ///< proxy vertices with any weight
+    double full_loss;     ///< loss_after with all candidates, before the cut to K
+    double spatial_share; ///< of lambda_c and lambda_a in the last epochs, 0..1
+    uint64_t reflections; ///< vertex-frames with det(S) < 0 at the end
+    uint64_t bones_used;  ///< proxy vertices with any weight
 } pc_skin_report;
 
 extern const pc_record pc_skin_options_record;

@@ -19,8 +19,8 @@ typedef struct pci_repair_counts {
 bool pci_mesh_repair(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *keep,
                      pc_mesh *result, pci_repair_counts *counts);
 
-// Removes triangles not in `keep` components smaller than `fraction` of the largest by area.
-// Returns the number of dropped parts in `dropped`. False: out of memory.
+// Removes the components smaller than `fraction` of the largest one's area; `dropped` receives
+// their number. False: out of memory.
 bool pci_drop_small_parts(pci_scratch *scratch, pc_mesh *mesh, double fraction, uint64_t *dropped);
 
 #endif

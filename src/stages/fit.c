@@ -191,7 +191,7 @@ static void sliding_step(const pci_relaxation *r, uint32_t v, double step[3]) {
 
 // Moves a vertex unless that spoils its triangles.
 static void move_vertex(const fitting *f, uint32_t v, double spacing) {
-    static const double good = 0.7, slide_share = 0.3;
+    static const double good = 0.75, slide_share = 0.4;
     const pci_relaxation *r = f->relaxation;
     double *at = &r->coarse->positions[3 * (size_t)v];
     const double start[3] = {at[0], at[1], at[2]};

@@ -313,9 +313,9 @@ static pc_status measure(pci_scratch *scratch, const pc_mesh *mesh, size_t wante
     report->triangles = mesh->triangle_count;
     report->boundary_loops = loop_count;
     report->components = pci_triangle_components(scratch, mesh, &topology, component);
-    report->shortfall = report->dropped_parts > 0      ? PC_SHORTFALL_BUDGET
-                        : mesh->vertex_count != wanted ? PC_SHORTFALL_TOPOLOGY
-                                                       : PC_SHORTFALL_NONE;
+    report->shortfall = mesh->vertex_count != wanted ? PC_SHORTFALL_TOPOLOGY
+                        : report->dropped_parts > 0  ? PC_SHORTFALL_BUDGET
+                                                     : PC_SHORTFALL_NONE;
     return scratch->failed ? pci_fail_memory(scratch->context, "simplify") : PC_OK;
 }
 

@@ -10,8 +10,10 @@ static const char *const stage_name = "skin";
 static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_skin_options, influences, UINT, 4, 1, 32, "",
                      "K: influences per visual vertex"),
-    PCI_FIELD_OPTION(pc_skin_options, candidates, UINT, 8, 1, 32, "",
-                     "k_B: nearest proxy vertices that are considered per visual vertex"),
+    PCI_FIELD_OPTION(
+        pc_skin_options, candidates, UINT, 8, 1, 32, "",
+        "k_B: proxy vertices considered per visual vertex, corners of the closest triangle "
+        "first, then the nearest; at least K"),
     PCI_FIELD_OPTION(pc_skin_options, neighbours, UINT, 8, 1, 32, "",
                      "k_K: spatial neighbours of L_c and L_a"),
     PCI_FIELD_OPTION(pc_skin_options, lambda_rigid, DOUBLE, 1.0, 0.0, 1000000.0, "",
@@ -22,7 +24,8 @@ static const pc_field option_fields[] = {
                      "Weight of L_a"),
     PCI_FIELD_OPTION(pc_skin_options, epochs, UINT, 100, 0, 100000, "epochs",
                      "Passes over all frames"),
-    PCI_FIELD_OPTION(pc_skin_options, batch, UINT, 16, 1, 100000, "frames", "Frames per step"),
+    PCI_FIELD_OPTION(pc_skin_options, batch, UINT, 16, 1, 100000, "frames",
+                     "Frames per step; below 16 each step still takes the time and memory of 16"),
     PCI_FIELD_OPTION(pc_skin_options, learning_rate, DOUBLE, 0.005, 1e-08, 10.0, "",
                      "Step of AdamW, falls to 0 in the last 40 % of the epochs"),
     PCI_FIELD_OPTION(pc_skin_options, weight_decay, DOUBLE, 0.01, 0.0, 1.0, "",
@@ -46,8 +49,8 @@ static const pc_field report_fields[] = {
     PCI_FIELD_REPORT(pc_skin_report, full_loss, DOUBLE, "",
                      "Weighted sum of the losses with all candidates, before the cut to K"),
     PCI_FIELD_REPORT(
-        pc_skin_report, collision_share, DOUBLE, "",
-        "Share of lambda_collision in the last epochs, below 1 where L_c would cost L_r"),
+        pc_skin_report, spatial_share, DOUBLE, "",
+        "Share of lambda_c and lambda_a in the last epochs, below 1 where L_c would cost L_r"),
     PCI_FIELD_REPORT(pc_skin_report, reflections, COUNT, "",
                      "Vertices and frames whose 1-ring is turned inside out"),
     PCI_FIELD_REPORT(pc_skin_report, bones_used, COUNT, "", "Proxy vertices with any weight"),
@@ -276,7 +279,7 @@ typedef struct fit {
     pci_skin_problem problem;
     uint32_t *bones;
     double *surrogate;
-    double collision_share; // of lambda_c that is used
+    double spatial_share; // of lambda_c and lambda_a that is used
 } fit;
 
 // Losses per norm and frame, in double.
@@ -310,7 +313,8 @@ static pc_status descend(const fit *f, double begin, double end) {
     const pc_skin_options *o = f->options;
     const double epochs = (double)o->epochs;
     const pci_skin_descent settings = {
-        .lambda = {o->lambda_rigid, f->collision_share * o->lambda_collision, o->lambda_attachment},
+        .lambda = {o->lambda_rigid, f->spatial_share * o->lambda_collision,
+                   f->spatial_share * o->lambda_attachment},
         .epochs = (uint32_t)round(end * epochs) - (uint32_t)round(begin * epochs),
         .batch = o->batch,
         .learning_rate = o->learning_rate,
@@ -387,7 +391,7 @@ static pc_status run_phases(pci_scratch *scratch, fit *f, pc_skin_report *report
     // not cost the shape of each layer. So L_c weighs no more than L_r at first, ...
     const bool balanced = f->options->lambda_rigid > 0.0 && report->rigid_before > 0.0;
     if (balanced && report->collision_before > report->rigid_before) {
-        f->collision_share = report->rigid_before / report->collision_before;
+        f->spatial_share = report->rigid_before / report->collision_before;
     }
     pc_status status = PC_OK;
     for (size_t phase = 0; phase < PHASES && status == PC_OK; ++phase) {
@@ -404,11 +408,11 @@ static pc_status run_phases(pci_scratch *scratch, fit *f, pc_skin_report *report
             report->full_loss = phase == 0 ? total : report->full_loss;
             // ... and less where L_r does not fall.
             if (balanced && losses[0] > rigid_share * report->rigid_before) {
-                f->collision_share *= 0.25;
+                f->spatial_share *= 0.25;
             }
         }
     }
-    report->collision_share = f->collision_share;
+    report->spatial_share = f->spatial_share;
     return status;
 }
 
@@ -455,7 +459,7 @@ pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface, const pc
     }
     pci_scratch scratch = pci_scratch_begin(context);
     pc_skin_report r = {0};
-    fit f = {.context = context, .options = options, .collision_share = 1.0};
+    fit f = {.context = context, .options = options, .spatial_share = 1.0};
     double losses[3];
     uint64_t reflections = 0;
     status = prepare(&scratch, surface, proxy, motion, &f);

@@ -312,6 +312,28 @@ static void is_deterministic(void **state) {
     pc_context_destroy(owner);
 }
 
+static bool cancel(void *user, const char *stage, double fraction) {
+    (void)user;
+    (void)stage;
+    (void)fraction;
+    return false;
+}
+
+static void can_be_cancelled(void **state) {
+    (void)state;
+    const pc_context_options cancelling = {.threads = 1, .progress = cancel};
+    pc_context *context = NULL;
+    assert_int_equal(pc_context_create(&cancelling, &context), PC_OK);
+    pc_mesh sheet = test_sheet(context, 4, 4, 1.0, 1.0), result = {0};
+    pc_labels labels = make_labels(context, sheet.vertex_count, 1);
+    assert_int_equal(pc_carve(context, &sheet, &sheet, &labels, 1.0, NULL, &result, NULL),
+                     PC_ERROR_CANCELLED);
+    assert_null(result.positions);
+    pc_labels_free(context, &labels);
+    pc_mesh_free(context, &sheet);
+    pc_context_destroy(context);
+}
+
 static void rejects_bad_arguments(void **state) {
     (void)state;
     pc_context *context = test_context(1);
@@ -352,6 +374,7 @@ int main(void) {
         cmocka_unit_test(carves_the_gap_between_sheets),
         cmocka_unit_test(survives_lack_of_memory),
         cmocka_unit_test(is_deterministic),
+        cmocka_unit_test(can_be_cancelled),
         cmocka_unit_test(rejects_bad_arguments),
     };
     return cmocka_run_group_tests_name("carve", tests, NULL, NULL);

@@ -371,6 +371,25 @@ static void survives_lack_of_memory(void **state) {
     assert_int_equal(counter.live, 0);
 }
 
+static bool cancel(void *user, const char *stage, double fraction) {
+    (void)user;
+    (void)stage;
+    (void)fraction;
+    return false;
+}
+
+static void can_be_cancelled(void **state) {
+    (void)state;
+    const pc_context_options cancelling = {.threads = 1, .progress = cancel};
+    pc_context *context = NULL;
+    assert_int_equal(pc_context_create(&cancelling, &context), PC_OK);
+    pc_mesh sheet = test_sheet(context, 4, 4, 1.0, 1.0), result = {0};
+    assert_int_equal(pc_simplify(context, &sheet, NULL, &result, NULL), PC_ERROR_CANCELLED);
+    assert_null(result.positions);
+    pc_mesh_free(context, &sheet);
+    pc_context_destroy(context);
+}
+
 static void rejects_bad_arguments(void **state) {
     (void)state;
     pc_context *context = test_context(1);
@@ -413,6 +432,7 @@ int main(void) {
         cmocka_unit_test(refines_narrow_parts),
         cmocka_unit_test(fits_faces_not_vertices),
         cmocka_unit_test(survives_lack_of_memory),
+        cmocka_unit_test(can_be_cancelled),
         cmocka_unit_test(rejects_bad_arguments),
     };
     return cmocka_run_group_tests_name("simplify", tests, NULL, NULL);

@@ -5,6 +5,7 @@
 #include "support/fixture.h"
 #include "support/memory.h"
 #include "support/obj.h"
+#include "support/surfaces.h"
 
 // ---- fixtures -----------------------------------------------------------------------------------
 
@@ -636,6 +637,67 @@ static void beats_the_closest_triangle(void **state) {
     }
 }
 
+// Two sheets close together, each with its own proxy, that slide apart: L_c cannot be satisfied and
+// must not bend the sheets. With lambda_r = 0 it keeps its full weight.
+static void collisions_do_not_cost_the_shape(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh surface = test_sheet(context, 12, 12, 1.0, 1.0),
+            proxy = test_sheet(context, 4, 4, 1.0, 1.0);
+    pc_mesh surfaces = {0}, proxies = {0};
+    const pc_mesh *const parts[2] = {&surface, &proxy};
+    pc_mesh *const pairs[2] = {&surfaces, &proxies};
+    for (size_t i = 0; i < 2; ++i) {
+        const size_t nv = parts[i]->vertex_count, nf = parts[i]->triangle_count;
+        pairs[i]->vertex_count = 2 * nv;
+        pairs[i]->triangle_count = 2 * nf;
+        pairs[i]->positions = PCI_ALLOCATE(context, double, 6 * nv);
+        pairs[i]->triangles = PCI_ALLOCATE(context, uint32_t, 6 * nf);
+        for (size_t k = 0; k < 6 * nv; ++k) {
+            pairs[i]->positions[k] =
+                parts[i]->positions[k % (3 * nv)] + (k >= 3 * nv && k % 3 == 2 ? 0.02 : 0.0);
+        }
+        for (size_t k = 0; k < 6 * nf; ++k) {
+            pairs[i]->triangles[k] =
+                parts[i]->triangles[k % (3 * nf)] + (k >= 3 * nf ? (uint32_t)nv : 0);
+        }
+    }
+    enum { FRAMES = 16 };
+    const size_t np = proxies.vertex_count;
+    double *frames = calloc(3 * np * FRAMES, sizeof(double));
+    for (size_t t = 0; t < FRAMES; ++t) {
+        for (size_t v = 0; v < np; ++v) {
+            double *at = &frames[3 * (np * t + v)];
+            memcpy(at, &proxies.positions[3 * v], 3 * sizeof(double));
+            at[0] += (v < np / 2 ? 0.02 : -0.02) * (double)t;
+            at[2] += 0.2 * sin(3.0 * at[0] + (double)t);
+        }
+    }
+    const pc_motion motion = {.frame_count = FRAMES, .vertex_count = np, .positions = frames};
+    pc_skin_options options = quick_options();
+    options.epochs = 60;
+    pc_skin skin = {0}, free_skin = {0};
+    pc_skin_report report;
+    assert_ok(context,
+              pc_skin_optimize(context, &surfaces, &proxies, &motion, &options, &skin, &report));
+    assert_true(report.collision_before > 2.0 * report.rigid_before);
+    assert_true(report.spatial_share < 0.5 && report.spatial_share > 0.0);
+    assert_true(report.rigid_after < 0.5 * report.rigid_before);
+    options.lambda_rigid = 0.0;
+    assert_ok(context, pc_skin_optimize(context, &surfaces, &proxies, &motion, &options, &free_skin,
+                                        &report));
+    assert_close(report.spatial_share, 1.0, 0.0);
+    assert_true(report.collision_after < report.collision_before);
+    free(frames);
+    pc_skin_free(context, &skin);
+    pc_skin_free(context, &free_skin);
+    pc_mesh_free(context, &surface);
+    pc_mesh_free(context, &proxy);
+    pc_mesh_free(context, &surfaces);
+    pc_mesh_free(context, &proxies);
+    pc_context_destroy(context);
+}
+
 static void threads_give_the_same_bytes(void **state) {
     (void)state;
     static const uint32_t threads[] = {1, 2, 3, 8};
@@ -881,6 +943,7 @@ int main(void) {
 #endif
         cmocka_unit_test(adamw_follows_the_fixtures),
         cmocka_unit_test(beats_the_closest_triangle),
+        cmocka_unit_test(collisions_do_not_cost_the_shape),
         cmocka_unit_test(threads_give_the_same_bytes),
         cmocka_unit_test(translation_and_unit_do_not_matter),
         cmocka_unit_test(deforms_like_the_fixture),

@@ -5,6 +5,7 @@
 #include "core/crossing.h"
 #include "core/hausdorff.h"
 #include "core/topology.h"
+#include "core/union_find.h"
 
 static const char stage[] = "evaluate";
 
@@ -78,21 +79,6 @@ static pc_status check_mesh(pc_context *context, const pc_mesh *mesh, const char
 
 // ---- topology ---------------------------------------------------------------------------------
 
-static uint32_t find_root(uint32_t *parent, uint32_t i) {
-    while (parent[i] != i) {
-        parent[i] = parent[parent[i]];
-        i = parent[i];
-    }
-    return i;
-}
-
-// Returns whether they were apart.
-static bool join(uint32_t *parent, uint32_t a, uint32_t b) {
-    const uint32_t x = find_root(parent, a), y = find_root(parent, b);
-    parent[x > y ? x : y] = x > y ? y : x;
-    return x != y;
-}
-
 static uint32_t corner_at(const pc_mesh *mesh, uint32_t triangle, uint32_t vertex) {
     const uint32_t *corner = &mesh->triangles[3 * (size_t)triangle];
     return 3 * triangle + (corner[0] == vertex ? 0U : corner[1] == vertex ? 1U : 2U);
@@ -100,16 +86,14 @@ static uint32_t corner_at(const pc_mesh *mesh, uint32_t triangle, uint32_t verte
 
 // Fans are classes of corners joined across the edges at a vertex.
 static void join_fans(const pci_topology *topology, const pc_mesh *mesh, uint32_t *fan) {
-    for (size_t c = 0; c < 3 * mesh->triangle_count; ++c) {
-        fan[c] = (uint32_t)c;
-    }
+    pci_singletons(fan, 3 * mesh->triangle_count);
     for (size_t e = 0; e < topology->edge_count; ++e) {
         const size_t begin = topology->edge_triangle_offsets[e];
         for (size_t k = begin + 1; k < topology->edge_triangle_offsets[e + 1]; ++k) {
             for (size_t end = 0; end < 2; ++end) {
                 const uint32_t v = topology->edges[2 * e + end];
-                join(fan, corner_at(mesh, topology->edge_triangles[begin], v),
-                     corner_at(mesh, topology->edge_triangles[k], v));
+                pci_unite(fan, corner_at(mesh, topology->edge_triangles[begin], v),
+                          corner_at(mesh, topology->edge_triangles[k], v));
             }
         }
     }
@@ -124,7 +108,7 @@ static void count_vertices(const pci_topology *topology, const pc_mesh *mesh, ui
         for (size_t k = begin + 1; k < end && one_fan; ++k) {
             const uint32_t a = corner_at(mesh, topology->vertex_triangles[begin], (uint32_t)v);
             const uint32_t b = corner_at(mesh, topology->vertex_triangles[k], (uint32_t)v);
-            one_fan = find_root(fan, a) == find_root(fan, b);
+            one_fan = pci_find_root(fan, a) == pci_find_root(fan, b);
         }
         measures->vertices += begin < end;
         measures->nonmanifold_vertices += !one_fan;
@@ -145,11 +129,12 @@ static uint64_t count_boundary_loops(const pci_topology *topology, const pc_mesh
         ++loops;
         for (size_t end = 0; end < 2; ++end) {
             const uint32_t v = topology->edges[2 * e + end];
-            const uint32_t at = find_root(fan, corner_at(mesh, topology->edge_triangles[begin], v));
+            const uint32_t at =
+                pci_find_root(fan, corner_at(mesh, topology->edge_triangles[begin], v));
             if (first[at] == 0) {
                 first[at] = (uint32_t)e + 1;
             } else {
-                loops -= join(loop, (uint32_t)e, first[at] - 1);
+                loops -= pci_unite(loop, (uint32_t)e, first[at] - 1);
             }
         }
     }

@@ -395,31 +395,12 @@ static bool count_edge_defects(pci_scratch *scratch, const pc_mesh *mesh, const 
     return true;
 }
 
-static uint32_t find_root(uint32_t *parents, uint32_t vertex) {
-    while (parents[vertex] != vertex) {
-        parents[vertex] = parents[parents[vertex]];
-        vertex = parents[vertex];
-    }
-    return vertex;
-}
-
 static bool count_components(pci_scratch *scratch, const pc_mesh *mesh, uint64_t *components) {
     uint32_t *parents = PCI_SCRATCH(scratch, uint32_t, mesh->vertex_count);
     if (parents == NULL) {
         return false;
     }
-    for (size_t v = 0; v < mesh->vertex_count; ++v) {
-        parents[v] = (uint32_t)v;
-    }
-    *components = mesh->vertex_count;
-    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
-        const uint32_t a = find_root(parents, mesh->triangles[i]);
-        const uint32_t b = find_root(parents, mesh->triangles[i - i % 3]);
-        if (a != b) {
-            parents[a > b ? a : b] = a > b ? b : a;
-            --*components;
-        }
-    }
+    *components = pci_vertex_components(mesh, parents);
     return true;
 }
 

@@ -45,8 +45,7 @@ extern "C" {
 /// when anything fails; only a regular file is replaced.
 /// @param[in] asset  with a visual mesh; results beyond `stage_count` are not written.
 /// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (no visual mesh, or counts, indices or values that
-/// break
-///         what the structs promise); PC_ERROR_IO (with the path and the cause);
+///         break what the structs promise); PC_ERROR_IO (with the path and the cause);
 ///         PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY (HDF5).
 PC_NODISCARD pc_status pc_asset_save(pc_context *context, const pc_asset *asset, const char *path);
 

@@ -6,22 +6,19 @@
 ///   their indices are; the winding does not matter. Parts and loops that meet at a vertex only are
 ///   counted separately (and the vertex as non-manifold): neither a cloth solver nor cloth connects
 ///   them.
-/// - Doubled area. 4096 area-uniform samples; one is doubled when the surface normal through it
-/// hits,
-///   within D / 16 on either side (two voxels at the paper's resolution; D = longest side of the
-///   visual mesh's box), a triangle that shares no vertex with the sampled one and is parallel to
-///   it within 37 degrees. A closed shell around thin cloth gives 1, a single layer 0, and so do
-///   hems and close folds whose walls are neighbours; garments that really lie in two layers this
-///   close, for example a folded shirt, count too. Standard error at most .008.
+/// - Doubled area. 4096 area-uniform samples; one is doubled when the line through it along the
+///   normal hits, within D / 16 on either side (two voxels at the paper's resolution; D = longest
+///   side of the visual mesh's box), a triangle that shares no vertex with the sampled one and is
+///   parallel to it within 37 degrees. A closed shell around thin cloth gives 1, a single layer 0,
+///   and so do hems and close folds whose walls are neighbours; garments that really lie in two
+///   layers this close, for example a folded shirt, count too. Standard error at most .008.
 /// - Self-intersections. Pairs that share an edge never count; pairs that share a vertex do when
-/// they
-///   cross beyond it. Touching and coplanar overlap are no crossing.
+///   they cross beyond it. Touching and coplanar overlap are no crossing.
 /// - Distances. Hausdorff distances between the surfaces, not only their vertices, by branch and
 ///   bound: attained, and below the true value by at most 1e-4 of the diagonal and 1e-4 of the
 ///   distance. The paper's unit is taken to be `hausdorff_unit_cube`.
 /// - Shape. Mean, standard deviation over the triangles, and the worst one; 0 for a triangle
-/// without
-///   area, 1 (60 degrees) for an equilateral one.
+///   without area, 1 (60 degrees) for an equilateral one.
 #ifndef PROXYCLOTH_EVALUATE_H
 #define PROXYCLOTH_EVALUATE_H
 
@@ -56,9 +53,8 @@ extern const pc_record pc_measures_record;
 
 /// Measures `proxy` against `visual`.
 /// @param[out] measures  overwritten; all zero on failure.
-/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (NULL); PC_ERROR_INVALID_MESH (no triangle, index out
-/// of
-///         range, coordinate not finite or beyond 1e30, all positions of `visual` equal);
+/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (NULL); PC_ERROR_INVALID_MESH (no triangle, index
+///         out of range, coordinate not finite or beyond 1e30, all positions of `visual` equal);
 ///         PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY (Embree failed).
 PC_NODISCARD pc_status pc_evaluate(pc_context *context, const pc_mesh *visual, const pc_mesh *proxy,
                                    pc_measures *measures);

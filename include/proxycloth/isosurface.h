@@ -36,7 +36,8 @@ extern const pc_record pc_isosurface_report_record;
 
 /// @param[out] isosurface  zeroed on entry.
 /// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (a grid that breaks its postconditions);
-///         PC_ERROR_INVALID_OPTIONS; PC_ERROR_TOO_LARGE; PC_ERROR_OUT_OF_MEMORY.
+///         PC_ERROR_INVALID_OPTIONS; PC_ERROR_TOO_LARGE; PC_ERROR_OUT_OF_MEMORY;
+///         PC_ERROR_CANCELLED.
 PC_NODISCARD pc_status pc_isosurface(pc_context *context, const pc_grid *grid,
                                      const pc_isosurface_options *options, pc_mesh *isosurface,
                                      pc_isosurface_report *report);

@@ -88,8 +88,8 @@ typedef struct pc_visual_report {
     /// Split vertices with a normal, texture coordinate or color that is not finite (or a normal of
     /// length 0): the normal is taken from the surface, texture coordinates become 0, colors 1.
     uint64_t replaced_attributes;
-    uint64_t components;           ///< parts connected by shared positions
-    double diagonal;               ///< of the bounding box
+    uint64_t components; ///< parts connected by shared positions
+    double diagonal;     ///< of the bounding box
 } pc_visual_report;
 
 /// Builds the visual mesh from plain arrays: checks, welds equal positions, counts defects.
@@ -100,8 +100,8 @@ typedef struct pc_visual_report {
 /// @param[out] report  may be NULL.
 /// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (NULL, output not empty); PC_ERROR_INVALID_MESH (no
 ///         triangle, index out of range, position NaN, infinite or beyond 1e30, all positions
-///         equal or nearer to one line than 1e-6 of the extent, no triangle with area); PC_ERROR_TOO_LARGE (2^31 elements);
-///         PC_ERROR_OUT_OF_MEMORY.
+///         equal or nearer to one line than 1e-6 of the extent, no triangle with area);
+///         PC_ERROR_TOO_LARGE (2^31 elements); PC_ERROR_OUT_OF_MEMORY.
 PC_NODISCARD pc_status pc_visual_create(pc_context *context, const pc_visual_arrays *arrays,
                                         pc_visual *visual, pc_visual_report *report);
 

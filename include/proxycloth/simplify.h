@@ -11,9 +11,8 @@
 ///   components, boundary loops and Euler number of the single layer by construction.
 /// - Clusters get smaller around narrow parts (`narrow_refinement`).
 /// - Vertices leave the centroids: they slide and edges flip towards even triangles, border
-/// vertices
-///   stay on the border and its corners, then the faces are fitted to the single layer with weight
-///   on the largest distances.
+///   vertices stay on the border and its corners, then the faces are fitted to the single layer
+///   with weight on the largest distances.
 ///
 /// Input that is not manifold is repaired first. Postconditions: manifold with boundary,
 /// consistently oriented, three different vertices per triangle, no unused vertex. `shortfall` says

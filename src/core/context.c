@@ -2,6 +2,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "core/clock.h"
 #include "core/context.h"
 #include "proxycloth/version.h"
 
@@ -49,7 +50,7 @@ pc_status pc_context_create(const pc_context_options *options, pc_context **cont
     }
     memset(created, 0, sizeof(*created));
     created->options = chosen;
-    created->error.stage = "";
+    created->error.stage = created->stage = "";
     created->pool = pci_pool_create(created, chosen.threads);
     if (created->pool == NULL) {
         chosen.allocator.release(chosen.allocator.user, created);
@@ -84,10 +85,13 @@ pc_status pci_fail(pc_context *context, pc_status status, const char *stage, con
 }
 
 pc_status pci_fail_memory(pc_context *context, const char *stage) {
-    return pci_fail(context, PC_ERROR_OUT_OF_MEMORY, stage, "%s: memory ran out", stage);
+    return context->cancelled
+               ? pci_fail_cancelled(context, stage)
+               : pci_fail(context, PC_ERROR_OUT_OF_MEMORY, stage, "%s: memory ran out", stage);
 }
 
 pc_status pci_fail_cancelled(pc_context *context, const char *stage) {
+    context->cancelled = false;
     return pci_fail(context, PC_ERROR_CANCELLED, stage, "%s: cancelled", stage);
 }
 
@@ -107,5 +111,31 @@ bool pci_progress(pc_context *context, const char *stage, double fraction) {
     if (context->options.progress == NULL) {
         return true;
     }
-    return context->options.progress(context->options.user, stage, fraction);
+    context->stage = stage;
+    context->fraction = fraction;
+    context->reported = pci_clock_seconds();
+    context->cancelled = !context->options.progress(context->options.user, stage, fraction);
+    return !context->cancelled;
+}
+
+bool pci_keep_going(pc_context *context) {
+    static const double interval = 0.1;
+    if (context->options.progress == NULL || pci_clock_seconds() - context->reported < interval) {
+        return true;
+    }
+    return pci_progress(context, context->stage, context->fraction);
+}
+
+pc_status pci_begin_stage(pc_context *context, const char *stage, const pc_record *record,
+                          const void *given, void *chosen) {
+    context->stage = stage;
+    context->fraction = 0.0;
+    context->reported = pci_clock_seconds();
+    context->cancelled = false;
+    if (given != NULL) {
+        memcpy(chosen, given, record->size);
+    } else {
+        pc_record_set_defaults(record, chosen);
+    }
+    return pc_record_check(context, stage, record, chosen);
 }

@@ -10,6 +10,10 @@ struct pc_context {
     pc_context_options options;
     pc_error error;
     pci_pool *pool;
+    // The last report of progress, and whether the user cancelled since pci_begin_stage.
+    const char *stage;
+    double fraction, reported;
+    bool cancelled;
 };
 
 // Worker threads that wait for pci_parallel_for; `threads` 0 means one per core. Where threads

@@ -14,14 +14,25 @@
 __attribute__((format(printf, 4, 5))) pc_status
 pci_fail(pc_context *context, pc_status status, const char *stage, const char *format, ...);
 
-// Out of memory, with the usual message.
+// Out of memory, with the usual message; or cancelled, when pci_keep_going returned false in a
+// function that can only say that it did not finish.
 pc_status pci_fail_memory(pc_context *context, const char *stage);
 
 __attribute__((format(printf, 4, 5))) void pci_log(pc_context *context, pc_log_level level,
                                                    const char *stage, const char *format, ...);
 
+// ---- stages -------------------------------------------------------------------------------------
+
+// What every stage does with its options: copies `given` (NULL: the defaults) to `chosen`, then
+// checks the ranges. Progress counts for this stage from now on. PC_OK; PC_ERROR_INVALID_OPTIONS.
+PC_NODISCARD pc_status pci_begin_stage(pc_context *context, const char *stage,
+                                       const pc_record *record, const void *given, void *chosen);
+
 // Reports progress; false when the user cancelled. Only from the thread that entered the library.
 bool pci_progress(pc_context *context, const char *stage, double fraction);
+
+// For long loops between two reports: repeats the last one, ten times a second at most. Likewise.
+bool pci_keep_going(pc_context *context);
 
 pc_status pci_fail_cancelled(pc_context *context, const char *stage);
 
@@ -63,6 +74,9 @@ bool pci_scratch_reserve(pci_scratch *scratch, void **array, size_t *capacity, s
 typedef void (*pci_parallel_body)(void *user, size_t begin, size_t end, uint32_t worker);
 void pci_parallel_for(pc_context *context, size_t count, size_t grain, pci_parallel_body body,
                       void *user);
+// For long loops: asks pci_keep_going between the pieces. False: cancelled, pieces are missing.
+PC_NODISCARD bool pci_parallel_while_wanted(pc_context *context, size_t count, size_t grain,
+                                            pci_parallel_body body, void *user);
 
 // ---- random numbers -----------------------------------------------------------------------------
 
@@ -100,8 +114,7 @@ static inline bool pci_normalize(double a[3]) {
     return true;
 }
 
-// ---- descriptions of structs
-// ----------------------------------------------------------------------
+// ---- descriptions of structs -------------------------------------------------------------------
 
 #define PCI_FIELD_OPTION(struct_type, member, kind, default_, min_, max_, unit_, help_)            \
     {                                                                                              \

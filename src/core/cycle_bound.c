@@ -4,6 +4,7 @@
 
 #include "core/cycle_program.h"
 #include "core/signed_search.h"
+#include "core/union_find.h"
 
 enum { ITERATIONS = 80, TREES = 6, CUTS_PER_EDGE = 8, MAX_IDLE = 3 };
 #define MIN_VIOLATION 0.01
@@ -194,29 +195,16 @@ static bool separate(pci_cycle_program *p, tree *t, uint32_t round, size_t *new_
     return true;
 }
 
-// ---- rounds
-// --------------------------------------------------------------------------------------
+// ---- rounds ------------------------------------------------------------------------------------
 
 // Vertices that stay when every edge whose wish must be granted is contracted.
 static size_t count_contracted(const pci_signed_graph *graph, const int64_t *residuals, int64_t gap,
                                uint32_t *parent) {
     size_t left = graph->vertex_count;
-    for (uint32_t v = 0; v < graph->vertex_count; ++v) {
-        parent[v] = v;
-    }
+    pci_singletons(parent, graph->vertex_count);
     for (size_t e = 0; e < graph->edge_count; ++e) {
-        if (residuals[e] < gap) {
-            continue;
-        }
-        uint32_t ends[2] = {graph->edges[e].a, graph->edges[e].b};
-        for (size_t k = 0; k < 2; ++k) {
-            while (parent[ends[k]] != ends[k]) {
-                ends[k] = parent[ends[k]] = parent[parent[ends[k]]];
-            }
-        }
-        if (ends[0] != ends[1]) {
-            parent[ends[0] > ends[1] ? ends[0] : ends[1]] = ends[0] > ends[1] ? ends[1] : ends[0];
-            --left;
+        if (residuals[e] >= gap) {
+            left -= pci_unite(parent, graph->edges[e].a, graph->edges[e].b);
         }
     }
     return left;

@@ -3,6 +3,7 @@
 #include <stdlib.h>
 
 #include "core/topology.h"
+#include "core/union_find.h"
 
 typedef struct repair {
     pci_scratch *scratch;
@@ -170,26 +171,10 @@ static bool orient(repair *r) {
     return true;
 }
 
-static uint32_t find_root(uint32_t *parent, uint32_t i) {
-    while (parent[i] != i) {
-        parent[i] = parent[parent[i]];
-        i = parent[i];
-    }
-    return i;
-}
-
-static void unite(uint32_t *parent, uint32_t i, uint32_t j) {
-    i = find_root(parent, i);
-    j = find_root(parent, j);
-    parent[i < j ? j : i] = i < j ? i : j;
-}
-
 // Corners of one vertex that are connected by glued edges become one vertex.
 static void find_fans(repair *r) {
     const uint32_t corner_count = (uint32_t)(3 * r->mesh->triangle_count);
-    for (uint32_t h = 0; h < corner_count; ++h) {
-        r->parent[h] = h;
-    }
+    pci_singletons(r->parent, corner_count);
     for (uint32_t h = 0; h < corner_count; ++h) {
         const uint32_t g = r->glued[h];
         if (g == PC_INVALID_INDEX || g < h) {
@@ -197,11 +182,11 @@ static void find_fans(repair *r) {
         }
         const uint32_t h1 = h - h % 3 + (h + 1) % 3, g1 = g - g % 3 + (g + 1) % 3;
         const bool same = r->mesh->triangles[h] == r->mesh->triangles[g];
-        unite(r->parent, h, same ? g : g1);
-        unite(r->parent, h1, same ? g1 : g);
+        pci_unite(r->parent, h, same ? g : g1);
+        pci_unite(r->parent, h1, same ? g1 : g);
     }
     for (uint32_t h = 0; h < corner_count; ++h) {
-        r->triangles[h] = find_root(r->parent, h);
+        r->triangles[h] = pci_find_root(r->parent, h);
     }
 }
 

@@ -205,7 +205,7 @@ bool pci_maxflow(pc_context *context, const pci_flow_network *network, int64_t *
     s.orphans.nodes = PCI_SCRATCH(&scratch, uint32_t, n);
     s.orphans.member = PCI_SCRATCH(&scratch, uint8_t, n);
     s.active.size = s.orphans.size = n;
-    const bool ok = !scratch.failed;
+    bool ok = !scratch.failed;
     if (ok) {
         for (uint32_t v = 0; v < n; ++v) {
             s.parent[v] = NO_PARENT;
@@ -216,8 +216,8 @@ bool pci_maxflow(pc_context *context, const pci_flow_network *network, int64_t *
                 queue_push(&s.active, v);
             }
         }
-        for (uint32_t bridge = grow(&s); bridge != NO_ARC; bridge = grow(&s)) {
-            ++s.time;
+        for (uint32_t bridge = grow(&s); bridge != NO_ARC && ok; bridge = grow(&s)) {
+            ok = ++s.time % 256 != 0 || pci_keep_going(context);
             augment(&s, bridge);
             while (s.orphans.count != 0) {
                 adopt(&s, queue_pop(&s.orphans));

@@ -19,7 +19,8 @@ typedef struct pci_flow_network {
 } pci_flow_network;
 
 // The flow's value goes to `flow`; reachable[v] = 1 where v can be reached from the source in the
-// residual network (the smallest source side of a minimum cut). False: out of memory.
+// residual network (the smallest source side of a minimum cut). False: out of memory
+// or cancelled.
 bool pci_maxflow(pc_context *context, const pci_flow_network *network, int64_t *flow,
                  uint8_t *reachable);
 

@@ -26,16 +26,22 @@ struct pci_pool {
     } * workers;
 };
 
-static void run_pieces(pci_pool *pool, uint32_t worker) {
+// `asked`: the context whose user may cancel, only on the thread that entered the library. Returns
+// whether nobody cancelled.
+static bool run_pieces(pci_pool *pool, uint32_t worker, pc_context *asked) {
     const size_t pieces = (pool->count + pool->grain - 1) / pool->grain;
     for (;;) {
         const size_t piece = atomic_fetch_add(&pool->next_piece, 1);
         if (piece >= pieces) {
-            return;
+            return true;
         }
         const size_t begin = piece * pool->grain;
         const size_t end = pool->count - begin < pool->grain ? pool->count : begin + pool->grain;
         pool->body(pool->user, begin, end, worker);
+        if (asked != NULL && !pci_keep_going(asked)) {
+            atomic_store(&pool->next_piece, pieces);
+            return false;
+        }
     }
 }
 
@@ -53,7 +59,7 @@ static void *worker_main(void *argument) {
         }
         seen = pool->generation;
         pthread_mutex_unlock(&pool->mutex);
-        run_pieces(pool, worker->index);
+        (void)run_pieces(pool, worker->index, NULL);
         pthread_mutex_lock(&pool->mutex);
         if (--pool->running == 0) {
             pthread_cond_signal(&pool->done);
@@ -110,10 +116,10 @@ void pci_pool_destroy(pc_context *context, pci_pool *pool) {
 
 uint32_t pci_pool_threads(const pci_pool *pool) { return pool->thread_count; }
 
-void pci_parallel_for(pc_context *context, size_t count, size_t grain, pci_parallel_body body,
-                      void *user) {
+static bool run_loop(pc_context *context, size_t count, size_t grain, pci_parallel_body body,
+                     void *user, pc_context *asked) {
     if (count == 0) {
-        return;
+        return true;
     }
     pci_pool *pool = context->pool;
     pool->count = count;
@@ -122,18 +128,28 @@ void pci_parallel_for(pc_context *context, size_t count, size_t grain, pci_paral
     pool->user = user;
     atomic_store(&pool->next_piece, 0);
     if (pool->started == 0 || count <= pool->grain) {
-        run_pieces(pool, 0);
-        return;
+        return run_pieces(pool, 0, asked);
     }
     pthread_mutex_lock(&pool->mutex);
     pool->running = pool->started;
     ++pool->generation;
     pthread_cond_broadcast(&pool->wake);
     pthread_mutex_unlock(&pool->mutex);
-    run_pieces(pool, 0);
+    const bool wanted = run_pieces(pool, 0, asked);
     pthread_mutex_lock(&pool->mutex);
     while (pool->running != 0) {
         pthread_cond_wait(&pool->done, &pool->mutex);
     }
     pthread_mutex_unlock(&pool->mutex);
+    return wanted;
+}
+
+void pci_parallel_for(pc_context *context, size_t count, size_t grain, pci_parallel_body body,
+                      void *user) {
+    (void)run_loop(context, count, grain, body, user, NULL);
+}
+
+bool pci_parallel_while_wanted(pc_context *context, size_t count, size_t grain,
+                               pci_parallel_body body, void *user) {
+    return run_loop(context, count, grain, body, user, context);
 }

@@ -12,7 +12,7 @@ typedef struct pci_roof {
     size_t component_count; // given the labels, these parts do not interact
 } pci_roof;
 
-// The arrays come from `scratch`. False: out of memory.
+// The arrays come from `scratch`. False: out of memory or cancelled.
 bool pci_roof_duality(pci_scratch *scratch, const pci_signed_graph *graph, pci_roof *roof);
 
 #endif

@@ -1,5 +1,7 @@
 #include "core/topology.h"
 
+#include "core/union_find.h"
+
 // Turns counts stored at [i + 1] into offsets.
 static void accumulate(size_t *offsets, size_t count) {
     for (size_t i = 0; i < count; ++i) {
@@ -261,12 +263,13 @@ size_t pci_nonmanifold_edge_count(const pci_topology *topology) {
     return count;
 }
 
-static uint32_t find_root(uint32_t *parents, uint32_t i) {
-    while (parents[i] != i) {
-        parents[i] = parents[parents[i]];
-        i = parents[i];
+size_t pci_vertex_components(const pc_mesh *mesh, uint32_t *parents) {
+    pci_singletons(parents, mesh->vertex_count);
+    size_t count = mesh->vertex_count;
+    for (size_t c = 0; c < 3 * mesh->triangle_count; ++c) {
+        count -= pci_unite(parents, mesh->triangles[c - c % 3], mesh->triangles[c]);
     }
-    return i;
+    return count;
 }
 
 size_t pci_nonmanifold_vertex_count(pci_scratch *scratch, const pc_mesh *mesh,
@@ -299,9 +302,7 @@ size_t pci_nonmanifold_vertex_count(pci_scratch *scratch, const pc_mesh *mesh,
                     continue;
                 }
                 if (seen_at[e] == v) {
-                    const uint32_t a = find_root(parents, i), b = find_root(parents, seen_by[e]);
-                    groups -= a != b;
-                    parents[a] = b;
+                    groups -= pci_unite(parents, i, seen_by[e]);
                 }
                 seen_at[e] = (uint32_t)v;
                 seen_by[e] = i;
@@ -385,20 +386,31 @@ void pci_vertex_normals(const pc_mesh *mesh, double *normals) {
     }
 }
 
-bool pci_mesh_is_valid(const pc_mesh *mesh) {
+pc_status pci_check_mesh(pc_context *context, const char *stage, const pc_mesh *mesh,
+                         const char *name) {
     if (mesh == NULL || mesh->vertex_count == 0 || mesh->triangle_count == 0 ||
-        mesh->vertex_count >= PC_INVALID_INDEX || mesh->positions == NULL ||
-        mesh->triangles == NULL) {
-        return false;
+        mesh->positions == NULL || mesh->triangles == NULL) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage, "%s: the %s is empty", stage,
+                        name);
     }
-    bool valid = true;
-    for (size_t i = 0; i < 3 * mesh->vertex_count; ++i) {
-        valid = valid && isfinite(mesh->positions[i]);
+    if (mesh->vertex_count >= PC_INVALID_INDEX) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage, "%s: the %s has %zu vertices",
+                        stage, name, mesh->vertex_count);
     }
-    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
-        valid = valid && mesh->triangles[i] < mesh->vertex_count;
+    for (size_t k = 0; k < 3 * mesh->vertex_count; ++k) {
+        if (!isfinite(mesh->positions[k])) {
+            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                            "%s: vertex %zu of the %s is not finite", stage, k / 3, name);
+        }
     }
-    return valid;
+    for (size_t c = 0; c < 3 * mesh->triangle_count; ++c) {
+        if (mesh->triangles[c] >= mesh->vertex_count) {
+            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                            "%s: triangle %zu of the %s uses vertex %u of %zu", stage, c / 3, name,
+                            mesh->triangles[c], mesh->vertex_count);
+        }
+    }
+    return PC_OK;
 }
 
 double pci_triangle_area(const pc_mesh *mesh, size_t triangle) {

@@ -26,6 +26,10 @@ bool pci_topology_build(pci_scratch *scratch, const pc_mesh *mesh, pci_topology 
 size_t pci_triangle_components(pci_scratch *scratch, const pc_mesh *mesh,
                                const pci_topology *topology, uint32_t *component);
 
+// Joins the vertices of each triangle in `parents` (#V, core/union_find.h). Returns the number of
+// sets; a vertex without triangles is one of its own.
+size_t pci_vertex_components(const pc_mesh *mesh, uint32_t *parents);
+
 // Boundary loops: chains of edges with one triangle, followed along the triangle fans, as if each
 // fan of a vertex had a vertex of its own. Fills `loop_offsets` (#loops + 1) and `loop_vertices`
 // with memory from scratch; the loops run in the direction of their triangles. Needs consistent
@@ -48,8 +52,10 @@ bool pci_mesh_compact(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *
 // Area-weighted vertex normals, #V by 3, unit (or zero where undefined).
 void pci_vertex_normals(const pc_mesh *mesh, double *normals);
 
-// Whether a mesh has vertices and triangles, finite positions and indices in range. NULL has not.
-bool pci_mesh_is_valid(const pc_mesh *mesh);
+// Whether a mesh has vertices and triangles, finite positions and indices in range; NULL has not.
+// `name` is what the message calls it. PC_OK; PC_ERROR_INVALID_ARGUMENT.
+PC_NODISCARD pc_status pci_check_mesh(pc_context *context, const char *stage, const pc_mesh *mesh,
+                                      const char *name);
 
 double pci_triangle_area(const pc_mesh *mesh, size_t triangle);
 void pci_bounding_box(const pc_mesh *mesh, double minimum[3], double maximum[3]);

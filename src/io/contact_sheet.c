@@ -285,16 +285,15 @@ pc_status pc_export_contact_sheet(pc_context *context, const pc_asset *asset,
         return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
                         "%s: weights or motion do not belong to the asset's meshes", stage);
     }
-    pc_contact_sheet_options defaults;
-    pc_record_set_defaults(&pc_contact_sheet_options_record, &defaults);
-    options = options != NULL ? options : &defaults;
-    pc_status status = pc_record_check(context, stage, &pc_contact_sheet_options_record, options);
+    pc_contact_sheet_options chosen;
+    pc_status status =
+        pci_begin_stage(context, stage, &pc_contact_sheet_options_record, options, &chosen);
     if (status != PC_OK) {
         return status;
     }
 
     sheet s = {.context = context, .asset = asset};
-    lay_out(&s, options);
+    lay_out(&s, &chosen);
     pci_scratch scratch = pci_scratch_begin(context);
     s.image.pixels = PCI_SCRATCH(&scratch, uint8_t, 3 * s.image.width * s.image.height);
     if (scratch.failed) {

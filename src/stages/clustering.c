@@ -40,7 +40,8 @@ static bool place_seeds(clustering *c, uint32_t first) {
         }
         distances[entry.item] = 0.0;
         c->cluster[entry.item] = (uint32_t)seed;
-        if (!pci_heap_push(c->scratch, &front, 0.0, entry.item)) {
+        if (!pci_keep_going(c->scratch->context) ||
+            !pci_heap_push(c->scratch, &front, 0.0, entry.item)) {
             return false;
         }
         while (pci_heap_pop(&front, &entry)) {
@@ -238,6 +239,9 @@ bool pci_cluster_vertices(pci_scratch *scratch, const pci_halfedge *mesh, const 
             c.modified[i] = pass;
         }
         while (pass <= passes && sweep(&c, pass) > 0) {
+            if (!pci_keep_going(scratch->context)) {
+                return false;
+            }
             ++pass;
         }
         ++pass;

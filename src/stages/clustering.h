@@ -13,7 +13,7 @@
 // @param cluster     #V, receives values below cluster_count
 // @param iterations  receives the passes done
 // Every component of the mesh gets a cluster if there are at least as many clusters as components.
-// False: out of memory.
+// False: out of memory or cancelled.
 bool pci_cluster_vertices(pci_scratch *scratch, const pci_halfedge *mesh, const double *weights,
                           const double *scales, size_t cluster_count, uint32_t first,
                           uint32_t passes, uint32_t *cluster, uint64_t *iterations);

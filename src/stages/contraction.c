@@ -1,6 +1,7 @@
 #include "stages/contraction.h"
 
 #include "core/heap.h"
+#include "core/union_find.h"
 
 bool pci_contraction_begin(pci_scratch *scratch, const pci_halfedge *fine, const double *weights,
                            const double *arcs, double spacing, pci_contraction *m) {
@@ -24,14 +25,6 @@ bool pci_contraction_begin(pci_scratch *scratch, const pci_halfedge *fine, const
         }
     }
     return true;
-}
-
-static uint32_t find_root(uint32_t *parent, uint32_t v) {
-    while (parent[v] != v) {
-        parent[v] = parent[parent[v]];
-        v = parent[v];
-    }
-    return v;
 }
 
 static void merge(pci_contraction *m, uint32_t h) {
@@ -92,8 +85,12 @@ bool pci_contract_to(pci_contraction *m, size_t vertices) {
             }
         }
         pci_heap_entry entry;
-        while (m->coarse.live_vertices > vertices && pci_heap_pop(&cheapest, &entry)) {
+        for (uint32_t pops = 1;
+             m->coarse.live_vertices > vertices && pci_heap_pop(&cheapest, &entry); ++pops) {
             const uint32_t h = entry.item;
+            if (pops % 1024 == 0 && !pci_keep_going(m->scratch->context)) {
+                return false;
+            }
             if (!pci_is_edge(&m->coarse, h) || merge_cost(m, h) != entry.key ||
                 !pci_can_collapse(&m->coarse, h)) {
                 continue;
@@ -132,7 +129,7 @@ static void place_vertices(pci_contraction *m, double *nearest, uint32_t *feet) 
         }
     }
     for (uint32_t v = 0; v < nv; ++v) {
-        const uint32_t root = find_root(m->parent, v);
+        const uint32_t root = pci_find_root(m->parent, v);
         if (pci_is_border_vertex(&m->coarse, root) && !pci_is_border_vertex(m->fine, v)) {
             continue;
         }
@@ -169,7 +166,7 @@ bool pci_contraction_result(pci_contraction *m, pc_mesh *proxy, uint32_t **feet,
         number[kept[v]] = v;
     }
     for (uint32_t v = 0; v < nv; ++v) {
-        (*nearby)[v] = number[find_root(m->parent, v)];
+        (*nearby)[v] = number[pci_find_root(m->parent, v)];
     }
     return true;
 }

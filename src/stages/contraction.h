@@ -29,7 +29,7 @@ bool pci_contraction_begin(pci_scratch *scratch, const pci_halfedge *fine, const
 void pci_contract_clusters(pci_contraction *contraction, const uint32_t *cluster);
 
 // Merges the vertices whose union costs the least clustering energy until `vertices` are left or
-// nothing more can collapse. False: out of memory.
+// nothing more can collapse. False: out of memory or cancelled.
 bool pci_contract_to(pci_contraction *contraction, size_t vertices);
 
 // The coarse mesh on its own. Positions: the centroid of what was merged; on the border that of the

@@ -237,7 +237,9 @@ bool pci_fit(pci_scratch *scratch, pci_relaxation *relaxation, const uint32_t *n
         for (size_t s = 0; s < samples; ++s) {
             f.elements[s] = arcs[s] > 0.0 ? coarse->outgoing[nearby[s]] : nearby[s];
         }
-        pci_parallel_for(scratch->context, samples, grain, find_residuals, &f);
+        if (!pci_parallel_while_wanted(scratch->context, samples, grain, find_residuals, &f)) {
+            return false;
+        }
         sum_pulls(&f);
         for (uint32_t v = 0; v < coarse->vertex_count; ++v) {
             if (!relaxation->pinned[v]) {

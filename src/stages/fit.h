@@ -9,7 +9,7 @@
 // @param areas    per fine vertex, its share of the surface
 // @param arcs     per fine vertex, its share of the border, 0 inside
 // @param spacing  edge length that is expected; bounds the steps
-// False: out of memory.
+// False: out of memory or cancelled.
 bool pci_fit(pci_scratch *scratch, pci_relaxation *relaxation, const uint32_t *nearby,
              const double *areas, const double *arcs, double spacing, size_t passes);
 

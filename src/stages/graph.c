@@ -5,7 +5,8 @@
 #include "core/bvh.h"
 #include "core/topology.h"
 
-#define STAGE "graph"
+static const char stage[] = "graph";
+
 #define GRAIN 64
 
 static const pc_field option_fields[] = {
@@ -303,7 +304,7 @@ static pc_status build(pc_context *context, pci_scratch *scratch, work *w, pc_gr
     uint64_t *pairs = PCI_SCRATCH(scratch, uint64_t, 3 * nv);
     w->found = PCI_SCRATCH(scratch, uint32_t, 3 * nv);
     if (scratch->failed || !pci_topology_build(scratch, w->mesh, &topology)) {
-        return pci_fail_memory(context, STAGE);
+        return pci_fail_memory(context, stage);
     }
     graph->vertex_count = nv;
     graph->edge_count = topology.edge_count;
@@ -313,28 +314,32 @@ static pc_status build(pc_context *context, pci_scratch *scratch, work *w, pc_gr
     graph->edge_weights = PCI_ALLOCATE(context, double, topology.edge_count);
     if (graph->curvatures == NULL || graph->outer_distances == NULL || graph->edges == NULL ||
         graph->edge_weights == NULL) {
-        return pci_fail_memory(context, STAGE);
+        return pci_fail_memory(context, stage);
     }
 
     // Smoothness terms.
     pci_vertex_normals(w->mesh, normals);
     w->topology = &topology, w->normals = normals;
     w->curvatures = graph->curvatures, w->outer_distances = graph->outer_distances;
-    pci_parallel_for(context, nv, GRAIN, find_curvatures, w);
+    if (!pci_parallel_while_wanted(context, nv, GRAIN, find_curvatures, w)) {
+        return pci_fail_cancelled(context, stage);
+    }
     memcpy(graph->edges, topology.edges, 2 * topology.edge_count * sizeof(*graph->edges));
     const double largest = find_edge_weights(&topology, graph->curvatures, nv, graph->edge_weights);
-    if (!pci_progress(context, STAGE, 0.3)) {
-        return pci_fail_cancelled(context, STAGE);
+    if (!pci_progress(context, stage, 0.3)) {
+        return pci_fail_cancelled(context, stage);
     }
 
     // Opposite terms.
-    pci_parallel_for(context, nv, GRAIN, find_opposites, w);
+    if (!pci_parallel_while_wanted(context, nv, GRAIN, find_opposites, w)) {
+        return pci_fail_cancelled(context, stage);
+    }
     graph->opposite_count = collect_pairs(w, pairs);
     graph->opposites = PCI_ALLOCATE(context, uint32_t, 2 * graph->opposite_count);
     graph->opposite_signs = PCI_ALLOCATE(context, int8_t, graph->opposite_count);
     uint8_t *paired = PCI_SCRATCH(scratch, uint8_t, nv);
     if (graph->opposites == NULL || graph->opposite_signs == NULL || paired == NULL) {
-        return pci_fail_memory(context, STAGE);
+        return pci_fail_memory(context, stage);
     }
     size_t biased = 0, paired_count = 0;
     for (size_t o = 0; o < graph->opposite_count; ++o) {
@@ -364,27 +369,26 @@ pc_status pc_build_graph(pc_context *context, const pc_mesh *projected, double c
                          pc_graph_report *report) {
     static const pc_graph empty = {0};
     if (graph == NULL || memcmp(graph, &empty, sizeof(empty)) != 0) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, STAGE,
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
                         "graph: the output must be a zeroed pc_graph");
     }
-    if (!pci_mesh_is_valid(projected) || !(cell_size > 0.0) || !isfinite(cell_size)) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, STAGE,
-                        "graph: needs a mesh with finite positions and a cell size above 0");
+    if (!(cell_size > 0.0) || !isfinite(cell_size)) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                        "graph: cell_size = %g, it must be positive", cell_size);
     }
-    pc_graph_options defaults;
-    if (options == NULL) {
-        pc_record_set_defaults(&pc_graph_options_record, &defaults);
-        options = &defaults;
+    pc_graph_options chosen;
+    pc_status status = pci_check_mesh(context, stage, projected, "projected mesh");
+    if (status == PC_OK) {
+        status = pci_begin_stage(context, stage, &pc_graph_options_record, options, &chosen);
     }
-    pc_status status = pc_record_check(context, STAGE, &pc_graph_options_record, options);
     if (status != PC_OK) {
         return status;
     }
     pci_scratch scratch = pci_scratch_begin(context);
     pci_bvh *bvh = NULL;
-    status = pci_bvh_create(context, STAGE, projected, &bvh);
+    status = pci_bvh_create(context, stage, projected, &bvh);
     if (status == PC_OK) {
-        work w = {.mesh = projected, .bvh = bvh, .options = options, .cell_size = cell_size};
+        work w = {.mesh = projected, .bvh = bvh, .options = &chosen, .cell_size = cell_size};
         status = build(context, &scratch, &w, graph, report);
     }
     if (status != PC_OK) {

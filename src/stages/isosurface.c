@@ -1,6 +1,7 @@
 #include "proxycloth/isosurface.h"
 
 #include "core/core.h"
+#include "core/topology.h"
 
 static const char stage[] = "isosurface";
 
@@ -21,9 +22,9 @@ const pc_record pc_isosurface_report_record = PCI_RECORD(report_fields, pc_isosu
 // Lattice points that lie exactly on the iso-surface, as on flat input, count as inside.
 #define ISO_SLACK 1e-6
 
-// Vertices keep this distance, in cells, from the ends of their lattice edge. It moves one vertex in
-// five, by .05 cells on average, and there is no triangle left with an angle below 5 degrees (6 % of
-// them without it, on 13 garments at N_v = 32).
+// Vertices keep this distance, in cells, from the ends of their lattice edge. It moves one vertex
+// in five, by .05 cells on average, and no triangle has an angle below 5 degrees (6 % of them
+// without it, on 13 garments at N_v = 32).
 #define END_CLEARANCE 0.1
 
 // ---- the rule -----------------------------------------------------------------------------------
@@ -429,31 +430,6 @@ static void fill_cells(void *user, size_t begin, size_t end, uint32_t worker) {
 
 // ---- stage --------------------------------------------------------------------------------------
 
-static uint32_t find_root(uint32_t *parents, uint32_t v) {
-    while (parents[v] != v) {
-        parents[v] = parents[parents[v]];
-        v = parents[v];
-    }
-    return v;
-}
-
-// Every vertex has one fan, so surfaces that share no edge share no vertex either.
-static size_t count_components(const pc_mesh *mesh, uint32_t *parents) {
-    size_t count = mesh->vertex_count;
-    for (uint32_t v = 0; v < mesh->vertex_count; ++v) {
-        parents[v] = v;
-    }
-    for (size_t c = 0; c < 3 * mesh->triangle_count; ++c) {
-        const uint32_t a = find_root(parents, mesh->triangles[c - c % 3]);
-        const uint32_t b = find_root(parents, mesh->triangles[c]);
-        if (a != b) {
-            parents[a < b ? b : a] = a < b ? a : b;
-            --count;
-        }
-    }
-    return count;
-}
-
 static size_t accumulate(size_t *offsets, size_t count) {
     for (size_t i = 0; i < count; ++i) {
         offsets[i + 1] += offsets[i];
@@ -478,8 +454,10 @@ static pc_status extract(pc_context *context, pci_scratch *scratch, extraction *
     for (uint32_t inside = 0; inside < 256; ++inside) {
         derive_case(inside, &e->cases[inside]);
     }
-    pci_parallel_for(context, e->row_count, row_grain, find_crossings, e);
-    pci_parallel_for(context, e->row_count, row_grain, count_triangles, e);
+    if (!pci_parallel_while_wanted(context, e->row_count, row_grain, find_crossings, e) ||
+        !pci_parallel_while_wanted(context, e->row_count, row_grain, count_triangles, e)) {
+        return pci_fail_cancelled(context, stage);
+    }
     e->mesh.vertex_count = accumulate(e->row_vertices, e->row_count);
     e->mesh.triangle_count = accumulate(e->row_triangles, e->row_count);
     if (e->mesh.triangle_count > INT32_MAX) {
@@ -491,8 +469,10 @@ static pc_status extract(pc_context *context, pci_scratch *scratch, extraction *
     if (e->mesh.positions == NULL || e->mesh.triangles == NULL) {
         return pci_fail_memory(context, stage);
     }
-    pci_parallel_for(context, e->row_count, row_grain, place_vertices, e);
-    pci_parallel_for(context, e->row_count, row_grain, fill_cells, e);
+    if (!pci_parallel_while_wanted(context, e->row_count, row_grain, place_vertices, e) ||
+        !pci_parallel_while_wanted(context, e->row_count, row_grain, fill_cells, e)) {
+        return pci_fail_cancelled(context, stage);
+    }
     return PC_OK;
 }
 
@@ -525,11 +505,8 @@ pc_status pc_isosurface(pc_context *context, const pc_grid *grid,
                         "%s: grid or isosurface is NULL, or isosurface is not empty", stage);
     }
     pc_isosurface_options chosen;
-    pc_record_set_defaults(&pc_isosurface_options_record, &chosen);
-    if (options != NULL) {
-        chosen = *options;
-    }
-    pc_status status = pc_record_check(context, stage, &pc_isosurface_options_record, &chosen);
+    pc_status status =
+        pci_begin_stage(context, stage, &pc_isosurface_options_record, options, &chosen);
     const double iso = chosen.iso_voxels * grid->cell_size * (1.0 + ISO_SLACK);
     if (status == PC_OK) {
         status = check_grid(context, grid, iso);
@@ -549,6 +526,7 @@ pc_status pc_isosurface(pc_context *context, const pc_grid *grid,
     e->row_count = (size_t)grid->size[1] * grid->size[2];
     status = extract(context, &scratch, e);
     if (status == PC_OK && report != NULL) {
+        // Every vertex has one fan, so surfaces that share no edge share no vertex either.
         parents = PCI_SCRATCH(&scratch, uint32_t, e->mesh.vertex_count);
         status = parents == NULL ? pci_fail_memory(context, stage) : PC_OK;
     }
@@ -559,7 +537,7 @@ pc_status pc_isosurface(pc_context *context, const pc_grid *grid,
     if (report != NULL) {
         *report = (pc_isosurface_report){.vertices = e->mesh.vertex_count,
                                          .triangles = e->mesh.triangle_count,
-                                         .components = count_components(&e->mesh, parents)};
+                                         .components = pci_vertex_components(&e->mesh, parents)};
     }
     *isosurface = e->mesh;
 cleanup:

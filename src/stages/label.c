@@ -4,9 +4,12 @@
 
 #include "core/core.h"
 #include "core/signed_solve.h"
+#include "core/union_find.h"
 
 #define OPTIMAL_GAP     1e-6
 #define WORK_PER_EFFORT UINT64_C(20000000)
+
+static const char stage[] = "label";
 
 static const char *const outcome_choices[] = {"optimal", "feasible", NULL};
 static const pc_field option_fields[] = {
@@ -53,18 +56,18 @@ static pc_status check_graph(pc_context *context, const pc_graph *graph) {
     const size_t n = graph->vertex_count;
     if (n > (UINT32_MAX - 8) / 2 || graph->edge_count > UINT32_MAX / 64 ||
         graph->opposite_count > UINT32_MAX / 64) {
-        return pci_fail(context, PC_ERROR_TOO_LARGE, "label",
+        return pci_fail(context, PC_ERROR_TOO_LARGE, stage,
                         "label: graph of %zu vertices, %zu edges and %zu opposite edges", n,
                         graph->edge_count, graph->opposite_count);
     }
     for (size_t e = 0; e < graph->edge_count; ++e) {
         const uint32_t a = graph->edges[2 * e], b = graph->edges[2 * e + 1];
         if (a >= n || b >= n || a == b) {
-            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, "label",
+            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
                             "label: edge %zu connects %u and %u of %zu vertices", e, a, b, n);
         }
         if (!(graph->edge_weights[e] >= 0.0) || !isfinite(graph->edge_weights[e])) {
-            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, "label",
+            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
                             "label: weight %g of edge %zu is negative or not finite",
                             graph->edge_weights[e], e);
         }
@@ -72,12 +75,12 @@ static pc_status check_graph(pc_context *context, const pc_graph *graph) {
     for (size_t e = 0; e < graph->opposite_count; ++e) {
         const uint32_t a = graph->opposites[2 * e], b = graph->opposites[2 * e + 1];
         if (a >= n || b >= n || a == b) {
-            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, "label",
+            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
                             "label: opposite edge %zu connects %u and %u of %zu vertices", e, a, b,
                             n);
         }
         if (graph->opposite_signs[e] < -1 || graph->opposite_signs[e] > 1) {
-            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, "label",
+            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
                             "label: sign %d of opposite edge %zu is not -1, 0 or 1",
                             graph->opposite_signs[e], e);
         }
@@ -94,18 +97,9 @@ static size_t pin_free_parts(pci_scratch *scratch, size_t vertex_count, pci_sign
     if (scratch->failed) {
         return 0;
     }
-    for (uint32_t v = 0; v < vertex_count; ++v) {
-        parent[v] = v;
-    }
+    pci_singletons(parent, vertex_count);
     for (size_t e = 0; e < edge_count; ++e) {
-        uint32_t roots[2] = {edges[e].a, edges[e].b};
-        for (size_t k = 0; k < 2; ++k) {
-            while (parent[roots[k]] != roots[k]) {
-                roots[k] = parent[roots[k]] = parent[parent[roots[k]]];
-            }
-        }
-        parent[roots[0] > roots[1] ? roots[0] : roots[1]] =
-            roots[0] < roots[1] ? roots[0] : roots[1];
+        pci_unite(parent, edges[e].a, edges[e].b);
         incident[edges[e].a] += edges[e].cost;
         incident[edges[e].b] += edges[e].cost;
     }
@@ -126,7 +120,7 @@ static pc_status make_problem(pc_context *context, pci_scratch *scratch, const p
     pci_signed_edge *edges = PCI_SCRATCH(scratch, pci_signed_edge,
                                          graph->edge_count + 3 * graph->opposite_count + vertices);
     if (edges == NULL) {
-        return pci_fail_memory(context, "label");
+        return pci_fail_memory(context, stage);
     }
     double total = 0.0;
     for (size_t e = 0; e < graph->edge_count; ++e) {
@@ -134,7 +128,7 @@ static pc_status make_problem(pc_context *context, pci_scratch *scratch, const p
     }
     total += (double)graph->opposite_count * o->lambda_opposite * (1.0 + 1.5 * o->lambda_bias);
     if (!(total <= 0x1p1000)) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, "label",
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
                         "label: the sum of all weights, %g, is too large", total);
     }
     int magnitude = 0;
@@ -170,7 +164,7 @@ static pc_status make_problem(pc_context *context, pci_scratch *scratch, const p
     const int64_t constant = p->graph.constant;
     count = pin_free_parts(scratch, vertices, edges, p->graph.edge_count);
     if (scratch->failed) {
-        return pci_fail_memory(context, "label");
+        return pci_fail_memory(context, stage);
     }
     pci_signed_graph_create(vertices, edges, count, &p->graph);
     p->graph.constant += constant;
@@ -184,22 +178,19 @@ static double real_bound(const problem *p, int64_t bound) {
 
 pc_status pc_label(pc_context *context, const pc_graph *graph, const pc_label_options *options,
                    pc_labels *labels, pc_label_report *report) {
-    pc_label_options defaults;
-    if (options == NULL) {
-        pc_record_set_defaults(&pc_label_options_record, &defaults);
-        options = &defaults;
+    if (graph == NULL || labels == NULL || labels->labels != NULL || labels->vertex_count != 0) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                        "label: the graph is missing, or the output is not empty");
     }
-    if (labels->labels != NULL || labels->vertex_count != 0) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, "label",
-                        "label: the output is not zeroed");
-    }
-    pc_status status = pc_record_check(context, "label", &pc_label_options_record, options);
+    pc_label_options chosen;
+    pc_status status = pci_begin_stage(context, stage, &pc_label_options_record, options, &chosen);
     if (status == PC_OK) {
         status = check_graph(context, graph);
     }
     if (status != PC_OK) {
         return status;
     }
+    options = &chosen;
     const size_t n = graph->vertex_count;
     pci_scratch scratch = pci_scratch_begin(context);
     problem p = {0};
@@ -211,10 +202,10 @@ pc_status pc_label(pc_context *context, const pc_graph *graph, const pc_label_op
     labels->labels = PCI_ALLOCATE(context, uint8_t, n);
     solution.labels = PCI_SCRATCH(&scratch, uint8_t, n + 1);
     if (labels->labels == NULL || scratch.failed) {
-        status = pci_fail_memory(context, "label");
+        status = pci_fail_memory(context, stage);
         goto cleanup;
     }
-    status = pci_signed_solve(context, "label", &p.graph, options->label_effort * WORK_PER_EFFORT,
+    status = pci_signed_solve(context, stage, &p.graph, options->label_effort * WORK_PER_EFFORT,
                               &solution);
     if (status != PC_OK) {
         goto cleanup;

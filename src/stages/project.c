@@ -4,7 +4,8 @@
 #include "core/sparse.h"
 #include "core/topology.h"
 
-#define STAGE           "project"
+static const char stage[] = "project";
+
 #define GRAIN           128
 #define ADAM_ITERATIONS 100
 #define ALTERNATIONS    20
@@ -146,14 +147,17 @@ static void measure_energy(void *user, size_t begin, size_t end, uint32_t worker
     p->partial[begin / GRAIN] = energy;
 }
 
-// Refreshes p and, for x = v, `scaled`; returns the energy per vertex in squared voxels.
-static double refresh(problem *p) {
-    pci_parallel_for(p->context, p->count, GRAIN, find_nearest, p);
+// Refreshes p and, for x = v, `scaled`, and the energy per vertex in squared voxels.
+static pc_status refresh(problem *p, double *energy) {
+    if (!pci_parallel_while_wanted(p->context, p->count, GRAIN, find_nearest, p)) {
+        return pci_fail_cancelled(p->context, stage);
+    }
     p->have_nearest = true;
     p->x = p->v;
     pci_parallel_for(p->context, p->count, GRAIN, apply_laplacian, p);
     pci_parallel_for(p->context, p->count, GRAIN, measure_energy, p);
-    return sum_of_pieces(p) / ((double)p->count * p->cell_size * p->cell_size);
+    *energy = sum_of_pieces(p) / ((double)p->count * p->cell_size * p->cell_size);
+    return PC_OK;
 }
 
 // ---- VectorAdam ---------------------------------------------------------------------------------
@@ -165,7 +169,7 @@ static pc_status run_vector_adam(problem *p, pci_scratch *scratch, uint32_t iter
     double *first = PCI_SCRATCH(scratch, double, 3 * p->count);
     double *second = PCI_SCRATCH(scratch, double, p->count);
     if (scratch->failed) {
-        return pci_fail_memory(p->context, STAGE);
+        return pci_fail_memory(p->context, stage);
     }
     const double rate = p->options->projection_step * p->cell_size;
     double power1 = 1.0, power2 = 1.0;
@@ -186,10 +190,13 @@ static pc_status run_vector_adam(problem *p, pci_scratch *scratch, uint32_t iter
                 p->v[3 * i + k] -= scale * first[3 * i + k];
             }
         }
-        report->energy_after = refresh(p);
+        const pc_status status = refresh(p, &report->energy_after);
+        if (status != PC_OK) {
+            return status;
+        }
         report->iterations = t + 1;
-        if (!pci_progress(p->context, STAGE, (double)(t + 1) / iterations)) {
-            return pci_fail_cancelled(p->context, STAGE);
+        if (!pci_progress(p->context, stage, (double)(t + 1) / iterations)) {
+            return pci_fail_cancelled(p->context, stage);
         }
     }
     return PC_OK;
@@ -297,13 +304,13 @@ static pc_status factorise(const problem *p, pci_scratch *scratch, pci_cholesky 
     double *values = PCI_SCRATCH(scratch, double, room);
     double *sums = PCI_SCRATCH(scratch, double, p->count);
     if (scratch->failed) {
-        return pci_fail_memory(p->context, STAGE);
+        return pci_fail_memory(p->context, stage);
     }
     for (size_t j = 0; j < p->count; ++j) {
         const size_t at = offsets[j];
         offsets[j + 1] = at + find_column(p, (uint32_t)j, sums, rows + at, values + at);
     }
-    return pci_cholesky_create(p->context, STAGE, p->count, offsets, rows, values, cholesky);
+    return pci_cholesky_create(p->context, stage, p->count, offsets, rows, values, cholesky);
 }
 
 // ---- alternation --------------------------------------------------------------------------------
@@ -320,7 +327,7 @@ static pc_status run_alternation(problem *p, pci_scratch *scratch, uint32_t iter
     } else {
         g.residual = PCI_SCRATCH(scratch, double, 3 * p->count);
         g.direction = PCI_SCRATCH(scratch, double, 3 * p->count);
-        status = scratch->failed ? pci_fail_memory(p->context, STAGE) : PC_OK;
+        status = scratch->failed ? pci_fail_memory(p->context, stage) : PC_OK;
     }
     bool converged = false;
     for (uint32_t t = 0; t < iterations && !converged && status == PC_OK; ++t) {
@@ -329,14 +336,16 @@ static pc_status run_alternation(problem *p, pci_scratch *scratch, uint32_t iter
         } else {
             conjugate_gradients(&g);
         }
+        const double previous = report->energy_after;
         if (status == PC_OK) {
-            const double previous = report->energy_after;
-            report->energy_after = refresh(p);
+            status = refresh(p, &report->energy_after);
+        }
+        if (status == PC_OK) {
             report->iterations = t + 1;
             converged = previous - report->energy_after <= ENERGY_TOLERANCE * previous;
         }
-        if (status == PC_OK && !pci_progress(p->context, STAGE, (double)(t + 1) / iterations)) {
-            status = pci_fail_cancelled(p->context, STAGE);
+        if (status == PC_OK && !pci_progress(p->context, stage, (double)(t + 1) / iterations)) {
+            status = pci_fail_cancelled(p->context, stage);
         }
     }
     pci_cholesky_destroy(p->context, cholesky);
@@ -359,7 +368,7 @@ static pc_status run(problem *p, pci_scratch *scratch, const pc_mesh *isosurface
     projected->triangles = PCI_ALLOCATE(p->context, uint32_t, 3 * projected->triangle_count);
     if (scratch->failed || projected->positions == NULL || projected->triangles == NULL ||
         !pci_topology_build(scratch, isosurface, &topology)) {
-        return pci_fail_memory(p->context, STAGE);
+        return pci_fail_memory(p->context, stage);
     }
     memcpy(projected->positions, isosurface->positions, 3 * p->count * sizeof(double));
     memcpy(projected->triangles, isosurface->triangles,
@@ -367,12 +376,16 @@ static pc_status run(problem *p, pci_scratch *scratch, const pc_mesh *isosurface
     p->v = projected->positions;
     p->topology = &topology;
 
-    report->energy_before = report->energy_after = refresh(p);
+    pc_status status = refresh(p, &report->energy_before);
+    if (status != PC_OK) {
+        return status;
+    }
+    report->energy_after = report->energy_before;
     const bool adam = p->options->projection_solver == PC_PROJECT_VECTOR_ADAM;
     const uint32_t asked = p->options->projection_iterations;
     const uint32_t iterations = asked != 0 ? asked : adam ? ADAM_ITERATIONS : ALTERNATIONS;
-    const pc_status status = adam ? run_vector_adam(p, scratch, iterations, report)
-                                  : run_alternation(p, scratch, iterations, report);
+    status = adam ? run_vector_adam(p, scratch, iterations, report)
+                  : run_alternation(p, scratch, iterations, report);
     for (size_t i = 0; i < p->count && status == PC_OK; ++i) {
         const double distance =
             sqrt(pci_squared_distance(&p->v[3 * i], &p->nearest[3 * i])) / p->cell_size;
@@ -387,29 +400,30 @@ pc_status pc_project(pc_context *context, const pc_mesh *surface, const pc_mesh 
                      pc_project_report *report) {
     static const pc_mesh empty = {0};
     if (projected == NULL || memcmp(projected, &empty, sizeof(empty)) != 0) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, STAGE,
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
                         "project: the output must be a zeroed pc_mesh");
     }
-    if (!pci_mesh_is_valid(surface) || !pci_mesh_is_valid(isosurface) || !(cell_size > 0.0) ||
-        !isfinite(cell_size)) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, STAGE,
-                        "project: needs two meshes with finite positions and a cell size above 0");
+    if (!(cell_size > 0.0) || !isfinite(cell_size)) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                        "project: cell_size = %g, it must be positive", cell_size);
     }
-    pc_project_options defaults;
-    if (options == NULL) {
-        pc_record_set_defaults(&pc_project_options_record, &defaults);
-        options = &defaults;
+    pc_project_options chosen;
+    pc_status status = pci_check_mesh(context, stage, surface, "visual mesh");
+    if (status == PC_OK) {
+        status = pci_check_mesh(context, stage, isosurface, "iso-surface");
     }
-    pc_status status = pc_record_check(context, STAGE, &pc_project_options_record, options);
+    if (status == PC_OK) {
+        status = pci_begin_stage(context, stage, &pc_project_options_record, options, &chosen);
+    }
     if (status != PC_OK) {
         return status;
     }
     pci_scratch scratch = pci_scratch_begin(context);
     pci_bvh *bvh = NULL;
     pc_project_report result = {0};
-    status = pci_bvh_create(context, STAGE, surface, &bvh);
+    status = pci_bvh_create(context, stage, surface, &bvh);
     if (status == PC_OK) {
-        problem p = {.context = context, .bvh = bvh, .options = options, .cell_size = cell_size};
+        problem p = {.context = context, .bvh = bvh, .options = &chosen, .cell_size = cell_size};
         status = run(&p, &scratch, isosurface, projected, &result);
     }
     if (status != PC_OK) {

@@ -13,6 +13,8 @@
 #include "stages/fit.h"
 #include "stages/sizing.h"
 
+static const char stage[] = "simplify";
+
 static const char *const shortfall_choices[] = {"none", "topology", "budget", NULL};
 static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_simplify_options, vertices, UINT, 128, 4, 65536, "",
@@ -307,7 +309,7 @@ static pc_status measure(pci_scratch *scratch, const pc_mesh *mesh, size_t wante
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
     if (scratch->failed || !pci_topology_build(scratch, mesh, &topology) ||
         !pci_boundary_loops(scratch, mesh, &topology, &loop_count, &offsets, &loops)) {
-        return pci_fail_memory(scratch->context, "simplify");
+        return pci_fail_memory(scratch->context, stage);
     }
     report->vertices = mesh->vertex_count;
     report->triangles = mesh->triangle_count;
@@ -316,7 +318,7 @@ static pc_status measure(pci_scratch *scratch, const pc_mesh *mesh, size_t wante
     report->shortfall = mesh->vertex_count != wanted ? PC_SHORTFALL_TOPOLOGY
                         : report->dropped_parts > 0  ? PC_SHORTFALL_BUDGET
                                                      : PC_SHORTFALL_NONE;
-    return scratch->failed ? pci_fail_memory(scratch->context, "simplify") : PC_OK;
+    return scratch->failed ? pci_fail_memory(scratch->context, stage) : PC_OK;
 }
 
 static pc_status simplify(pci_scratch *scratch, pc_mesh *layer, const pc_simplify_options *options,
@@ -325,27 +327,27 @@ static pc_status simplify(pci_scratch *scratch, pc_mesh *layer, const pc_simplif
     sampling s = {0};
     if (!drop_unaffordable(scratch, layer, options->vertices, &report->dropped_parts) ||
         !begin_sampling(scratch, layer, options->vertices, &s)) {
-        return pci_fail_memory(context, "simplify");
+        return pci_fail_memory(context, stage);
     }
     if (!(s.total > 0.0)) {
-        return pci_fail(context, PC_ERROR_NO_PROXY, "simplify",
+        return pci_fail(context, PC_ERROR_NO_PROXY, stage,
                         "simplify: the single layer has no area");
     }
-    if (!pci_progress(context, "simplify", 0.2)) {
-        return pci_fail_cancelled(context, "simplify");
+    if (!pci_progress(context, stage, 0.2)) {
+        return pci_fail_cancelled(context, stage);
     }
     uint32_t *cluster = PCI_SCRATCH(scratch, uint32_t, s.mesh.vertex_count);
     if (cluster == NULL || !cluster_samples(scratch, &s, options, cluster, &report->iterations)) {
-        return pci_fail_memory(context, "simplify");
+        return pci_fail_memory(context, stage);
     }
-    if (!pci_progress(context, "simplify", 0.6)) {
-        return pci_fail_cancelled(context, "simplify");
+    if (!pci_progress(context, stage, 0.6)) {
+        return pci_fail_cancelled(context, stage);
     }
     pci_contraction contraction;
     pci_halfedge coarse;
     uint32_t *feet = NULL, *nearby = NULL;
     if (!pci_contraction_begin(scratch, &s.mesh, s.weights, s.arcs, s.spacing, &contraction)) {
-        return pci_fail_memory(context, "simplify");
+        return pci_fail_memory(context, stage);
     }
     pci_contract_clusters(&contraction, cluster);
     report->surplus_vertices = contraction.coarse.live_vertices - options->vertices;
@@ -353,50 +355,29 @@ static pc_status simplify(pci_scratch *scratch, pc_mesh *layer, const pc_simplif
         !pci_contraction_result(&contraction, proxy, &feet, &nearby) ||
         !pci_halfedge_build(scratch, proxy, &coarse) ||
         !relax_and_fit(scratch, &s, &coarse, feet, nearby)) {
-        return pci_fail_memory(context, "simplify");
+        return pci_fail_memory(context, stage);
     }
     memcpy(proxy->positions, coarse.positions, 3 * proxy->vertex_count * sizeof(double));
     memcpy(proxy->triangles, coarse.corners, 3 * proxy->triangle_count * sizeof(uint32_t));
     return measure(scratch, proxy, options->vertices, report);
 }
 
-static pc_status check_arguments(pc_context *context, const pc_mesh *single_layer,
-                                 const pc_mesh *proxy) {
-    if (single_layer == NULL || proxy == NULL) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, "simplify",
-                        "simplify: a mesh is missing");
-    }
-    if (proxy->positions != NULL || proxy->triangles != NULL) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, "simplify",
-                        "simplify: the output is not empty");
-    }
-    for (size_t c = 0; c < 3 * single_layer->triangle_count; ++c) {
-        if (single_layer->triangles[c] >= single_layer->vertex_count) {
-            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, "simplify",
-                            "simplify: triangle %zu has vertex %u of %zu", c / 3,
-                            single_layer->triangles[c], single_layer->vertex_count);
-        }
-    }
-    for (size_t i = 0; i < 3 * single_layer->vertex_count; ++i) {
-        if (!isfinite(single_layer->positions[i])) {
-            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, "simplify",
-                            "simplify: vertex %zu is not finite", i / 3);
-        }
-    }
-    return PC_OK;
-}
-
 pc_status pc_simplify(pc_context *context, const pc_mesh *single_layer,
                       const pc_simplify_options *options, pc_mesh *proxy,
                       pc_simplify_report *report) {
-    pc_status status = check_arguments(context, single_layer, proxy);
-    if (status != PC_OK) {
-        return status;
+    if (proxy == NULL || proxy->positions != NULL || proxy->triangles != NULL) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                        "simplify: the output is not empty");
     }
-    pc_simplify_options defaults;
-    pc_record_set_defaults(&pc_simplify_options_record, &defaults);
-    options = options != NULL ? options : &defaults;
-    status = pc_record_check(context, "simplify", &pc_simplify_options_record, options);
+    if (single_layer != NULL && single_layer->triangle_count == 0) {
+        return pci_fail(context, PC_ERROR_NO_PROXY, stage,
+                        "simplify: the single layer has no triangle");
+    }
+    pc_simplify_options chosen;
+    pc_status status = pci_check_mesh(context, stage, single_layer, "single layer");
+    if (status == PC_OK) {
+        status = pci_begin_stage(context, stage, &pc_simplify_options_record, options, &chosen);
+    }
     if (status != PC_OK) {
         return status;
     }
@@ -405,14 +386,14 @@ pc_status pc_simplify(pc_context *context, const pc_mesh *single_layer,
     pci_repair_counts repairs;
     pc_mesh layer = {0}, result = {0};
     if (!pci_mesh_repair(&scratch, single_layer, NULL, &layer, &repairs)) {
-        status = pci_fail_memory(context, "simplify");
+        status = pci_fail_memory(context, stage);
     } else if (layer.triangle_count == 0) {
-        status = pci_fail(context, PC_ERROR_NO_PROXY, "simplify",
+        status = pci_fail(context, PC_ERROR_NO_PROXY, stage,
                           "simplify: the single layer has no proper triangle");
     } else {
         counts.removed_triangles = repairs.removed_triangles;
         counts.split_vertices = repairs.split_vertices;
-        status = simplify(&scratch, &layer, options, &result, &counts);
+        status = simplify(&scratch, &layer, &chosen, &result, &counts);
     }
     pc_mesh_free(context, &layer);
     pci_scratch_end(&scratch);

@@ -4,9 +4,10 @@
 #include <stdlib.h>
 
 #include "core/topology.h"
+#include "core/union_find.h"
 #include "stages/simulate_internal.h"
 
-static const char *const stage_name = "simulate";
+static const char stage[] = "simulate";
 
 static const char *const up_axis_choices[] = {"x", "y", "z", NULL};
 static const pc_field option_fields[] = {
@@ -279,15 +280,6 @@ static size_t pin_count(double fraction, size_t vertex_count) {
     return wanted > 0.0 ? (size_t)wanted : 0;
 }
 
-// Smallest known vertex of the part that v belongs to; shortens the chain on the way.
-static uint32_t find_part(uint32_t *parts, uint32_t v) {
-    while (parts[v] != v) {
-        parts[v] = parts[parts[v]];
-        v = parts[v];
-    }
-    return v;
-}
-
 // Holds the highest ceil(fraction * #V) vertices, and likewise in every connected part that would
 // otherwise fall for ever.
 static bool pin_highest(pci_scratch *scratch, const pc_mesh *mesh, double fraction, size_t axis,
@@ -301,18 +293,13 @@ static bool pin_highest(pci_scratch *scratch, const pc_mesh *mesh, double fracti
         return false;
     }
     for (size_t v = 0; v < nv; ++v) {
-        parts[v] = (uint32_t)v;
         heights[v].value = mesh->positions[3 * v + axis];
         heights[v].vertex = (uint32_t)v;
     }
-    for (size_t c = 0; c < 3 * mesh->triangle_count; ++c) {
-        const uint32_t a = find_part(parts, mesh->triangles[c]);
-        const uint32_t b = find_part(parts, mesh->triangles[c - c % 3]);
-        parts[a > b ? a : b] = a < b ? a : b;
-    }
     qsort(heights, nv, sizeof(*heights), compare_heights);
+    (void)pci_vertex_components(mesh, parts);
     for (size_t v = 0; v < nv; ++v) {
-        ++sizes[find_part(parts, (uint32_t)v)];
+        ++sizes[pci_find_root(parts, (uint32_t)v)];
     }
     for (size_t v = 0; v < nv; ++v) {
         missing[v] = pin_count(fraction, sizes[v]);
@@ -321,10 +308,10 @@ static bool pin_highest(pci_scratch *scratch, const pc_mesh *mesh, double fracti
     *pinned_count = highest;
     for (size_t i = 0; i < highest; ++i) {
         pinned[heights[i].vertex] = 1;
-        missing[find_part(parts, heights[i].vertex)] = 0;
+        missing[pci_find_root(parts, heights[i].vertex)] = 0;
     }
     for (size_t i = highest; i < nv; ++i) {
-        size_t *left = &missing[find_part(parts, heights[i].vertex)];
+        size_t *left = &missing[pci_find_root(parts, heights[i].vertex)];
         if (*left > 0) {
             --*left;
             pinned[heights[i].vertex] = 1;
@@ -404,8 +391,8 @@ static pc_status run_frames(pc_context *context, const pc_simulate_options *opti
     pci_wind wind = pci_wind_begin(options->seed, options->wind_speed);
     double squared_speed = 0.0;
     for (size_t f = 0; f < motion->frame_count; ++f) {
-        if (!pci_progress(context, stage_name, (double)f / (double)motion->frame_count)) {
-            return pci_fail_cancelled(context, stage_name);
+        if (!pci_progress(context, stage, (double)f / (double)motion->frame_count)) {
+            return pci_fail_cancelled(context, stage);
         }
         for (uint32_t s = 0; s < options->frame_steps; ++s) {
             double velocity[3];
@@ -421,7 +408,7 @@ static pc_status run_frames(pc_context *context, const pc_simulate_options *opti
             const double value =
                 motion->pinned[k / 3] ? proxy->positions[k] : cloth->positions[k] / scale;
             if (!isfinite(value)) {
-                return pci_fail(context, PC_ERROR_NUMERICAL, stage_name,
+                return pci_fail(context, PC_ERROR_NUMERICAL, stage,
                                 "simulate: vertex %zu left the finite numbers at frame %zu", k / 3,
                                 f);
             }
@@ -429,28 +416,6 @@ static pc_status run_frames(pc_context *context, const pc_simulate_options *opti
         }
     }
     *max_speed = sqrt(squared_speed);
-    return PC_OK;
-}
-
-static pc_status check_input(pc_context *context, const pc_mesh *proxy, const pc_motion *motion) {
-    if (proxy == NULL || motion == NULL || motion->positions != NULL || motion->pinned != NULL ||
-        proxy->vertex_count == 0 || proxy->triangle_count == 0) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage_name,
-                        "simulate: the proxy mesh is empty, or the output is not");
-    }
-    for (size_t k = 0; k < 3 * proxy->vertex_count; ++k) {
-        if (!isfinite(proxy->positions[k])) {
-            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage_name,
-                            "simulate: proxy vertex %zu is not finite", k / 3);
-        }
-    }
-    for (size_t c = 0; c < 3 * proxy->triangle_count; ++c) {
-        if (proxy->triangles[c] >= proxy->vertex_count) {
-            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage_name,
-                            "simulate: proxy triangle %zu has no vertex %u", c / 3,
-                            proxy->triangles[c]);
-        }
-    }
     return PC_OK;
 }
 
@@ -499,22 +464,23 @@ static bool set_up(pci_scratch *scratch, const pc_mesh *proxy, double scale,
 
 pc_status pc_simulate(pc_context *context, const pc_mesh *proxy, const pc_simulate_options *options,
                       pc_motion *motion, pc_simulate_report *report) {
-    pc_simulate_options defaults;
-    if (options == NULL) {
-        pc_record_set_defaults(&pc_simulate_options_record, &defaults);
-        options = &defaults;
+    if (motion == NULL || motion->positions != NULL || motion->pinned != NULL) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                        "simulate: the output is not empty");
     }
-    pc_status status = check_input(context, proxy, motion);
+    pc_simulate_options chosen;
+    pc_status status = pci_check_mesh(context, stage, proxy, "proxy mesh");
     if (status == PC_OK) {
-        status = pc_record_check(context, stage_name, &pc_simulate_options_record, options);
+        status = pci_begin_stage(context, stage, &pc_simulate_options_record, options, &chosen);
     }
     if (status != PC_OK) {
         return status;
     }
+    options = &chosen;
     const double diagonal = pci_diagonal(proxy);
-    const double scale = options->garment_size > 0.0 ? options->garment_size / diagonal : 1.0;
+    const double scale = chosen.garment_size > 0.0 ? chosen.garment_size / diagonal : 1.0;
     if (!(diagonal > 0.0) || !isfinite(scale)) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage_name,
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
                         "simulate: the proxy mesh has diagonal %g", diagonal);
     }
 
@@ -530,13 +496,13 @@ pc_status pc_simulate(pc_context *context, const pc_mesh *proxy, const pc_simula
     motion->pinned = PCI_ALLOCATE(context, uint8_t, proxy->vertex_count);
     if (motion->positions == NULL || motion->pinned == NULL ||
         !set_up(&scratch, proxy, scale, options, motion, &cloth, &rest, &edge_count, &measured)) {
-        status = pci_fail_memory(context, stage_name);
+        status = pci_fail_memory(context, stage);
         goto cleanup;
     }
     status = run_frames(context, options, &cloth, scale, proxy, motion, &measured.max_speed);
     if (status == PC_OK &&
         !measure_motion(&scratch, proxy, motion, cloth.springs, edge_count, diagonal, &measured)) {
-        status = pci_fail_memory(context, stage_name);
+        status = pci_fail_memory(context, stage);
     }
 
 cleanup:

@@ -5,7 +5,7 @@
 #include "core/topology.h"
 #include "stages/skin_internal.h"
 
-static const char *const stage_name = "skin";
+static const char stage[] = "skin";
 
 static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_skin_options, influences, UINT, 4, 1, 32, "",
@@ -59,37 +59,16 @@ const pc_record pc_skin_report_record = PCI_RECORD(report_fields, pc_skin_report
 
 // ---- input --------------------------------------------------------------------------------------
 
-static pc_status check_mesh(pc_context *context, const pc_mesh *mesh, const char *name) {
-    if (mesh == NULL || mesh->vertex_count == 0 || mesh->triangle_count == 0) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage_name, "skin: the %s is empty",
-                        name);
-    }
-    for (size_t k = 0; k < 3 * mesh->vertex_count; ++k) {
-        if (!isfinite(mesh->positions[k])) {
-            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage_name,
-                            "skin: vertex %zu of the %s is not finite", k / 3, name);
-        }
-    }
-    for (size_t c = 0; c < 3 * mesh->triangle_count; ++c) {
-        if (mesh->triangles[c] >= mesh->vertex_count) {
-            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage_name,
-                            "skin: triangle %zu of the %s has no vertex %u", c / 3, name,
-                            mesh->triangles[c]);
-        }
-    }
-    return PC_OK;
-}
-
 static pc_status check_motion(pc_context *context, const pc_mesh *proxy, const pc_motion *motion) {
     if (motion == NULL || motion->frame_count == 0 || motion->positions == NULL ||
         motion->vertex_count != proxy->vertex_count) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage_name,
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
                         "skin: the motion is empty or not of this proxy mesh");
     }
     const size_t per_frame = 3 * motion->vertex_count;
     for (size_t k = 0; k < per_frame * motion->frame_count; ++k) {
         if (!isfinite(motion->positions[k])) {
-            return pci_fail(context, PC_ERROR_NUMERICAL, stage_name,
+            return pci_fail(context, PC_ERROR_NUMERICAL, stage,
                             "skin: proxy vertex %zu is not finite in frame %zu", k % per_frame / 3,
                             k / per_frame);
         }
@@ -98,16 +77,17 @@ static pc_status check_motion(pc_context *context, const pc_mesh *proxy, const p
 }
 
 static pc_status check_input(pc_context *context, const pc_mesh *surface, const pc_mesh *proxy,
-                             const pc_motion *motion, const pc_skin_options *options) {
-    pc_status status = check_mesh(context, surface, "visual mesh");
+                             const pc_motion *motion, const pc_skin_options *options,
+                             pc_skin_options *chosen) {
+    pc_status status = pci_check_mesh(context, stage, surface, "visual mesh");
     if (status == PC_OK) {
-        status = check_mesh(context, proxy, "proxy mesh");
+        status = pci_check_mesh(context, stage, proxy, "proxy mesh");
     }
     if (status == PC_OK) {
         status = check_motion(context, proxy, motion);
     }
     if (status == PC_OK) {
-        status = pc_record_check(context, stage_name, &pc_skin_options_record, options);
+        status = pci_begin_stage(context, stage, &pc_skin_options_record, options, chosen);
     }
     return status;
 }
@@ -139,7 +119,7 @@ static void find_closest(void *user, size_t begin, size_t end, uint32_t worker) 
 static pc_status find_closest_points(pc_context *context, const pc_mesh *surface,
                                      const pc_mesh *proxy, pci_closest *closest) {
     pci_bvh *bvh = NULL;
-    const pc_status status = pci_bvh_create(context, stage_name, proxy, &bvh);
+    const pc_status status = pci_bvh_create(context, stage, proxy, &bvh);
     if (status != PC_OK) {
         return status;
     }
@@ -290,7 +270,7 @@ static pc_status measure(pci_scratch *scratch, const fit *f, double losses[3], d
                               f->options->lambda_attachment};
     double *weights = PCI_SCRATCH(scratch, double, p->vertex_count * p->slots);
     if (weights == NULL) {
-        return pci_fail_memory(f->context, stage_name);
+        return pci_fail_memory(f->context, stage);
     }
     for (size_t v = 0; v < p->vertex_count; ++v) {
         pci_skin_normalize(&f->surrogate[v * p->slots], p->slots, &weights[v * p->slots]);
@@ -339,13 +319,13 @@ static pc_status prepare(pci_scratch *scratch, const pc_mesh *surface, const pc_
     pci_knn knn;
     if (!pci_skin_problem_build(scratch, surface, o->neighbours, &f->problem) ||
         !pci_knn_build(scratch, proxy->vertex_count, proxy->positions, &knn)) {
-        return pci_fail_memory(f->context, stage_name);
+        return pci_fail_memory(f->context, stage);
     }
     f->bones = PCI_SCRATCH(scratch, uint32_t, nv * slots);
     f->surrogate = PCI_SCRATCH(scratch, double, nv *slots);
     pci_closest *closest = PCI_SCRATCH(scratch, pci_closest, nv);
     if (scratch->failed) {
-        return pci_fail_memory(f->context, stage_name);
+        return pci_fail_memory(f->context, stage);
     }
     const pc_status status = find_closest_points(f->context, surface, proxy, closest);
     if (status != PC_OK) {
@@ -371,7 +351,7 @@ static pc_status cut(pci_scratch *scratch, fit *f, uint32_t kept) {
     uint32_t *bones = PCI_SCRATCH(scratch, uint32_t, nv * kept);
     double *surrogate = PCI_SCRATCH(scratch, double, nv *kept);
     if (scratch->failed) {
-        return pci_fail_memory(f->context, stage_name);
+        return pci_fail_memory(f->context, stage);
     }
     cut_rows(nv, f->problem.slots, f->bones, f->surrogate, kept, bones, surrogate);
     f->bones = bones;
@@ -402,7 +382,7 @@ static pc_status run_phases(pci_scratch *scratch, fit *f, pc_skin_report *report
             status = descend(f, phase == 0 ? 0.0 : ends[phase - 1], ends[phase]);
         }
         if (status == PC_OK && phase + 1 < PHASES) {
-            double losses[3], total = 0.0;
+            double losses[3] = {0.0}, total = 0.0;
             uint64_t reflections = 0;
             status = measure(scratch, f, losses, &total, &reflections);
             report->full_loss = phase == 0 ? total : report->full_loss;
@@ -421,7 +401,7 @@ static pc_status write_result(pci_scratch *scratch, const fit *f, pc_skin *skin,
     const uint32_t kept = f->problem.slots, influences = f->options->influences;
     uint8_t *used = PCI_SCRATCH(scratch, uint8_t, f->problem.proxy_count);
     if (used == NULL || !allocate_skin(f->context, f->problem.vertex_count, influences, skin)) {
-        return pci_fail_memory(f->context, stage_name);
+        return pci_fail_memory(f->context, stage);
     }
     for (size_t v = 0; v < skin->vertex_count; ++v) {
         uint32_t *bones = &skin->bones[v * influences];
@@ -431,7 +411,7 @@ static pc_status write_result(pci_scratch *scratch, const fit *f, pc_skin *skin,
         sort_row(bones, weights, kept);
     }
     if (!finish_rows(skin)) {
-        return pci_fail(f->context, PC_ERROR_NUMERICAL, stage_name,
+        return pci_fail(f->context, PC_ERROR_NUMERICAL, stage,
                         "skin: the weights left the finite numbers");
     }
     for (size_t i = 0; i < skin->vertex_count * influences; ++i) {
@@ -446,21 +426,18 @@ static pc_status write_result(pci_scratch *scratch, const fit *f, pc_skin *skin,
 pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface, const pc_mesh *proxy,
                            const pc_motion *motion, const pc_skin_options *options, pc_skin *skin,
                            pc_skin_report *report) {
-    pc_skin_options defaults;
-    pc_record_set_defaults(&pc_skin_options_record, &defaults);
-    options = options != NULL ? options : &defaults;
-    pc_status status = check_input(context, surface, proxy, motion, options);
+    pc_skin_options chosen;
+    pc_status status = check_input(context, surface, proxy, motion, options, &chosen);
     if (status != PC_OK) {
         return status;
     }
     if (skin == NULL || skin->bones != NULL || skin->weights != NULL) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage_name,
-                        "skin: the output is not empty");
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage, "skin: the output is not empty");
     }
     pci_scratch scratch = pci_scratch_begin(context);
     pc_skin_report r = {0};
-    fit f = {.context = context, .options = options, .spatial_share = 1.0};
-    double losses[3];
+    fit f = {.context = context, .options = &chosen, .spatial_share = 1.0};
+    double losses[3] = {0.0};
     uint64_t reflections = 0;
     status = prepare(&scratch, surface, proxy, motion, &f);
     if (status == PC_OK) {
@@ -486,28 +463,26 @@ pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface, const pc
     return status;
 }
 
-// ---- baseline, evaluation, deformation
-// ------------------------------------------------------------
+// ---- baseline, evaluation, deformation ---------------------------------------------------------
 
 pc_status pc_skin_closest_triangle(pc_context *context, const pc_mesh *surface,
                                    const pc_mesh *proxy, pc_skin *skin) {
-    pc_status status = check_mesh(context, surface, "visual mesh");
+    pc_status status = pci_check_mesh(context, stage, surface, "visual mesh");
     if (status == PC_OK) {
-        status = check_mesh(context, proxy, "proxy mesh");
+        status = pci_check_mesh(context, stage, proxy, "proxy mesh");
     }
     if (status != PC_OK) {
         return status;
     }
     if (skin == NULL || skin->bones != NULL || skin->weights != NULL) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage_name,
-                        "skin: the output is not empty");
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage, "skin: the output is not empty");
     }
     const size_t nv = surface->vertex_count;
     pci_scratch scratch = pci_scratch_begin(context);
     pci_closest *closest = PCI_SCRATCH(&scratch, pci_closest, nv);
     status = closest != NULL && allocate_skin(context, nv, 3, skin)
                  ? find_closest_points(context, surface, proxy, closest)
-                 : pci_fail_memory(context, stage_name);
+                 : pci_fail_memory(context, stage);
     for (size_t v = 0; status == PC_OK && v < nv; ++v) {
         for (size_t c = 0; c < 3; ++c) {
             skin->bones[3 * v + c] = proxy->triangles[3 * (size_t)closest[v].triangle + c];
@@ -517,7 +492,7 @@ pc_status pc_skin_closest_triangle(pc_context *context, const pc_mesh *surface,
         sort_row(&skin->bones[3 * v], &skin->weights[3 * v], 3);
     }
     if (status == PC_OK && !finish_rows(skin)) {
-        status = pci_fail(context, PC_ERROR_NUMERICAL, stage_name,
+        status = pci_fail(context, PC_ERROR_NUMERICAL, stage,
                           "skin: the closest points left the finite numbers");
     }
     pci_scratch_end(&scratch);
@@ -530,10 +505,8 @@ pc_status pc_skin_closest_triangle(pc_context *context, const pc_mesh *surface,
 pc_status pc_skin_evaluate(pc_context *context, const pc_mesh *surface, const pc_mesh *proxy,
                            const pc_motion *motion, const pc_skin *skin,
                            const pc_skin_options *options, pc_skin_losses *losses) {
-    pc_skin_options defaults;
-    pc_record_set_defaults(&pc_skin_options_record, &defaults);
-    options = options != NULL ? options : &defaults;
-    pc_status status = check_input(context, surface, proxy, motion, options);
+    pc_skin_options chosen;
+    pc_status status = check_input(context, surface, proxy, motion, options, &chosen);
     if (status != PC_OK) {
         return status;
     }
@@ -543,20 +516,20 @@ pc_status pc_skin_evaluate(pc_context *context, const pc_mesh *surface, const pc
         fits = skin->bones[i] < proxy->vertex_count && isfinite(skin->weights[i]);
     }
     if (!fits) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage_name,
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
                         "skin: the weights are not of this visual mesh and proxy mesh");
     }
     pci_scratch scratch = pci_scratch_begin(context);
     pci_skin_problem problem;
     pci_skin_measures measures = {0};
-    if (pci_skin_problem_build(&scratch, surface, options->neighbours, &problem)) {
+    if (pci_skin_problem_build(&scratch, surface, chosen.neighbours, &problem)) {
         set_driver(&problem, proxy, motion);
         problem.slots = skin->influences;
         problem.bones = skin->bones;
         status = pci_skin_measure(context, &problem, pci_skin_kernel_double(), skin->weights,
                                   &measures, NULL);
     } else {
-        status = pci_fail_memory(context, stage_name);
+        status = pci_fail_memory(context, stage);
     }
     if (status == PC_OK) {
         const pc_skin_losses result = {.rigid = measures.losses[0],

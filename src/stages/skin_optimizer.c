@@ -3,7 +3,7 @@
 #include "core/topology.h"
 #include "stages/skin_internal.h"
 
-static const char *const stage_name = "skin";
+static const char stage[] = "skin";
 
 enum { PIECE = 64 }; // vertices per piece of a parallel loop
 
@@ -202,8 +202,7 @@ static void use_block(workspace *w, size_t block, size_t kept) {
     w->data.quaternions = w->quaternions + kept * w->quaternion_size;
 }
 
-// ---- losses and gradient of all frames
-// ------------------------------------------------------------
+// ---- losses and gradient of all frames ---------------------------------------------------------
 
 typedef struct pass_job {
     workspace *w;
@@ -269,9 +268,13 @@ pc_status pci_skin_measure(pc_context *context, const pci_skin_problem *problem,
     pci_skin_sums *sums = PCI_SCRATCH(&scratch, pci_skin_sums, pieces);
     memset(measures, 0, sizeof(*measures));
     if (scratch.failed || !build_sequential(&scratch, problem, kernel, weights, &w)) {
-        status = pci_fail_memory(context, stage_name);
+        status = pci_fail_memory(context, stage);
     }
     for (size_t b = 0; status == PC_OK && b < w.block_count; ++b) {
+        if (!pci_keep_going(context)) {
+            status = pci_fail_cancelled(context, stage);
+            break;
+        }
         use_block(&w, b, 0);
         memset(sums, 0, pieces * sizeof(*sums));
         run_pass(&w, displace_piece, NULL);
@@ -308,7 +311,7 @@ pc_status pci_skin_gradient(pc_context *context, const pci_skin_problem *problem
     workspace w;
     pc_status status = PC_OK;
     if (!build_sequential(&scratch, problem, kernel, weights, &w)) {
-        status = pci_fail_memory(context, stage_name);
+        status = pci_fail_memory(context, stage);
     } else {
         for (size_t x = 0; x < 3; ++x) {
             w.data.scale[x] = scale[x] / (w.unit * w.unit);
@@ -327,8 +330,7 @@ pc_status pci_skin_gradient(pc_context *context, const pci_skin_problem *problem
     return status;
 }
 
-// ---- AdamW
-// ----------------------------------------------------------------------------------------
+// ---- AdamW -------------------------------------------------------------------------------------
 
 double pci_skin_normalize(const double *surrogate, uint32_t slots, double *weights) {
     double sum = 0.0;
@@ -416,10 +418,10 @@ static pc_status run_epochs(descent *d, size_t per_step, uint32_t *steps, size_t
     double power[2] = {1.0, 1.0}, done = 0.0;
     for (uint32_t epoch = 0; epoch < settings->epochs; ++epoch) {
         const double share = (double)epoch / (double)settings->epochs;
-        if (!pci_progress(w->context, stage_name,
+        if (!pci_progress(w->context, stage,
                           settings->progress_begin +
                               share * (settings->progress_end - settings->progress_begin))) {
-            return pci_fail_cancelled(w->context, stage_name);
+            return pci_fail_cancelled(w->context, stage);
         }
         shuffle(steps, step_count, settings->seed, 2 + (uint64_t)epoch);
         for (size_t i = 0; i < step_count; ++i) {
@@ -470,7 +472,7 @@ pc_status pci_skin_descend(pc_context *context, const pci_skin_problem *problem,
     d.second = PCI_SCRATCH(&scratch, double, count);
     pc_status status = PC_OK;
     if (scratch.failed) {
-        status = pci_fail_memory(context, stage_name);
+        status = pci_fail_memory(context, stage);
         goto cleanup;
     }
     // Batches mix frames of the whole motion.
@@ -488,7 +490,7 @@ pc_status pci_skin_descend(pc_context *context, const pci_skin_problem *problem,
         steps[i] = (uint32_t)i;
     }
     if (!build_workspace(&scratch, problem, kernel, block_count, frames, block_count, &d.w)) {
-        status = pci_fail_memory(context, stage_name);
+        status = pci_fail_memory(context, stage);
         goto cleanup;
     }
     for (size_t v = 0; v < nv; ++v) {

@@ -372,14 +372,11 @@ pc_status pc_voxelize(pc_context *context, const pc_mesh *surface,
                         "%s: surface or grid is NULL, or grid is not empty", stage);
     }
     pc_voxelize_options chosen;
-    pc_record_set_defaults(&pc_voxelize_options_record, &chosen);
-    if (options != NULL) {
-        chosen = *options;
-    }
     voxelization v = {.context = context, .surface = surface};
     pci_bvh *bvh = NULL;
     pci_scratch scratch = pci_scratch_begin(context);
-    pc_status status = pc_record_check(context, stage, &pc_voxelize_options_record, &chosen);
+    pc_status status =
+        pci_begin_stage(context, stage, &pc_voxelize_options_record, options, &chosen);
     if (status == PC_OK) {
         status = place_lattice(context, surface, chosen.voxels, &v.grid);
     }

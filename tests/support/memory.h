@@ -26,6 +26,12 @@ static inline void counting_release(void *user, void *memory) {
     free(memory);
 }
 
+// The call number `number` from now on fails.
+static inline void fail_allocation(counting_allocator *counter, size_t number) {
+    counter->calls = 0;
+    counter->fail_at = number;
+}
+
 // A context of one thread on top of it.
 static inline pc_context *counting_context(counting_allocator *counter) {
     const pc_context_options options = {.allocator = {counting_allocate, counting_release, counter},

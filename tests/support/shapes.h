@@ -83,34 +83,4 @@ static inline void shape_append(pc_context *context, pc_mesh *mesh, const pc_mes
     *mesh = joined;
 }
 
-// An allocator that fails once `left` requests are used up, and counts what is not given back.
-typedef struct budget {
-    size_t left;
-    size_t live;
-} budget;
-
-static inline void *budget_allocate(void *user, size_t size) {
-    budget *b = user;
-    if (b->left == 0) {
-        return NULL;
-    }
-    --b->left;
-    ++b->live;
-    return malloc(size);
-}
-
-static inline void budget_release(void *user, void *memory) {
-    --((budget *)user)->live;
-    free(memory);
-}
-
-static inline pc_context *budget_context(budget *b) {
-    pc_context *context = NULL;
-    const pc_context_options options = {.threads = 1,
-                                        .allocator = {budget_allocate, budget_release, b}};
-    b->left = SIZE_MAX;
-    assert_int_equal(pc_context_create(&options, &context), PC_OK);
-    return context;
-}
-
 #endif

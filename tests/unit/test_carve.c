@@ -1,6 +1,7 @@
 #include "support/test.h"
 
 #include "core/topology.h"
+#include "support/manifold.h"
 #include "support/memory.h"
 #include "support/surfaces.h"
 
@@ -9,25 +10,7 @@ static void check_layer(pc_context *context, const pc_mesh *mesh, const pc_carve
     pci_scratch scratch = pci_scratch_begin(context);
     pci_topology topology;
     assert_true(pci_topology_build(&scratch, mesh, &topology));
-    assert_int_equal(pci_nonmanifold_edge_count(&topology), 0);
-    assert_int_equal(pci_nonmanifold_vertex_count(&scratch, mesh, &topology), 0);
-    for (size_t e = 0; e < topology.edge_count; ++e) {
-        const size_t begin = topology.edge_triangle_offsets[e];
-        int balance = 0; // +1 per triangle that runs the edge upwards, -1 downwards
-        for (size_t i = begin; i < topology.edge_triangle_offsets[e + 1]; ++i) {
-            const uint32_t *corner = &mesh->triangles[3 * (size_t)topology.edge_triangles[i]];
-            for (size_t c = 0; c < 3; ++c) {
-                balance += corner[c] == topology.edges[2 * e] &&
-                           corner[(c + 1) % 3] == topology.edges[2 * e + 1];
-                balance -= corner[(c + 1) % 3] == topology.edges[2 * e] &&
-                           corner[c] == topology.edges[2 * e + 1];
-            }
-        }
-        assert_int_equal(balance == 0, topology.edge_triangle_offsets[e + 1] - begin == 2);
-    }
-    for (size_t v = 0; v < mesh->vertex_count; ++v) {
-        assert_true(topology.vertex_triangle_offsets[v] < topology.vertex_triangle_offsets[v + 1]);
-    }
+    assert_manifold(&scratch, mesh, &topology);
     assert_int_equal(report->vertices, mesh->vertex_count);
     assert_int_equal(report->triangles, mesh->triangle_count);
     pci_scratch_end(&scratch);
@@ -240,6 +223,33 @@ static void carves_the_gap_between_sheets(void **state) {
     pc_context_destroy(context);
 }
 
+// Triangles squeezed into a line along the outline: refining them must come to an end.
+static void refines_triangles_without_area(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh visual = test_sheet(context, 3, 3, 1.0, 1.0), layer = {0};
+    pc_mesh squeezed = test_sheet(context, 9, 7, 2.5, 1.0);
+    for (size_t v = 0; v < squeezed.vertex_count; ++v) {
+        squeezed.positions[3 * v + 1] *= squeezed.positions[3 * v] > 0.8 ? 0.0 : 1.0;
+    }
+    pc_labels labels = make_labels(context, squeezed.vertex_count, 1);
+    pc_carve_options options;
+    pc_record_set_defaults(&pc_carve_options_record, &options);
+    options.carve = true;
+    options.carve_distance = pc_record_find(&pc_carve_options_record, "carve_distance")->minimum;
+    pc_carve_report report = {0};
+    assert_ok(context,
+              pc_carve(context, &visual, &squeezed, &labels, 0.25, &options, &layer, &report));
+    check_layer(context, &layer, &report);
+    assert_true(report.carved_triangles > 0);
+    assert_true(layer.triangle_count < 100000);
+    pc_mesh_free(context, &layer);
+    pc_labels_free(context, &labels);
+    pc_mesh_free(context, &squeezed);
+    pc_mesh_free(context, &visual);
+    pc_context_destroy(context);
+}
+
 static void survives_lack_of_memory(void **state) {
     (void)state;
     counting_allocator counter = {0};
@@ -372,6 +382,7 @@ int main(void) {
         cmocka_unit_test(drops_small_parts),
         cmocka_unit_test(survives_random_labels),
         cmocka_unit_test(carves_the_gap_between_sheets),
+        cmocka_unit_test(refines_triangles_without_area),
         cmocka_unit_test(survives_lack_of_memory),
         cmocka_unit_test(is_deterministic),
         cmocka_unit_test(can_be_cancelled),

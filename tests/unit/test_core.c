@@ -1,3 +1,6 @@
+#define _POSIX_C_SOURCE 200809L
+#include <time.h>
+
 #include "support/test.h"
 
 static void mark_pieces(void *user, size_t begin, size_t end, uint32_t worker) {
@@ -21,6 +24,66 @@ static void parallel_for_visits_every_element_once(void **state) {
         }
         pc_context_destroy(context);
     }
+}
+
+static void sleep_a_millisecond(void *user, size_t begin, size_t end, uint32_t worker) {
+    ((uint8_t *)user)[begin] = 1;
+    const struct timespec duration = {.tv_nsec = 1000000};
+    nanosleep(&duration, NULL);
+    (void)end, (void)worker;
+}
+
+static bool refuse(void *user, const char *stage, double fraction) {
+    ++*(int *)user;
+    assert_string_equal(stage, "voxelize");
+    assert_close(fraction, 0.0, 0.0);
+    return false;
+}
+
+static void long_loops_can_be_cancelled(void **state) {
+    (void)state;
+    for (uint32_t threads = 1; threads <= 3; ++threads) {
+        int calls = 0;
+        const pc_context_options options = {.threads = threads, .progress = refuse, .user = &calls};
+        pc_context *context = NULL;
+        assert_int_equal(pc_context_create(&options, &context), PC_OK);
+        pc_voxelize_options chosen;
+        assert_ok(context,
+                  pci_begin_stage(context, "voxelize", &pc_voxelize_options_record, NULL, &chosen));
+        enum { PIECES = 3000 };
+        uint8_t done[PIECES] = {0};
+        assert_false(pci_parallel_while_wanted(context, PIECES, 1, sleep_a_millisecond, done));
+        assert_int_equal(calls, 1);
+        assert_int_equal(done[0], 1);
+        assert_int_equal(done[PIECES - 1], 0);
+        // A function that can only say that it did not finish leaves the cause to the context,
+        // once.
+        assert_int_equal(pci_fail_memory(context, "voxelize"), PC_ERROR_CANCELLED);
+        assert_int_equal(pci_fail_memory(context, "voxelize"), PC_ERROR_OUT_OF_MEMORY);
+        pc_context_destroy(context);
+    }
+}
+
+static void check_fields(const pc_record *record) {
+    for (size_t i = 0; i < record->field_count; ++i) {
+        const pc_field *field = &record->fields[i];
+        assert_non_null(field->unit);
+        assert_non_null(field->help);
+        assert_true(strlen(field->help) > 3);
+        assert_ptr_equal(pc_record_find(record, field->name), field); // no name twice
+        assert_true(field->offset < record->size);
+    }
+}
+
+static void every_field_is_described(void **state) {
+    (void)state;
+    for (pc_stage stage = 0; stage < PC_STAGE_COUNT; ++stage) {
+        check_fields(pc_stage_describe(stage)->options);
+        check_fields(pc_stage_describe(stage)->report);
+    }
+    check_fields(&pc_visual_report_record);
+    check_fields(&pc_measures_record);
+    check_fields(&pc_contact_sheet_options_record);
 }
 
 static void options_have_valid_defaults(void **state) {
@@ -58,6 +121,8 @@ static void option_text_is_checked(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(parallel_for_visits_every_element_once),
+        cmocka_unit_test(long_loops_can_be_cancelled),
+        cmocka_unit_test(every_field_is_described),
         cmocka_unit_test(options_have_valid_defaults),
         cmocka_unit_test(option_text_is_checked),
     };

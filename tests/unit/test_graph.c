@@ -1,6 +1,7 @@
 #include <stdlib.h>
 
 #include "core/topology.h"
+#include "support/memory.h"
 #include "support/obj.h"
 #include "support/shapes.h"
 
@@ -496,21 +497,21 @@ static void bad_arguments_leave_the_output_empty(void **state) {
 
 static void survives_memory_failure(void **state) {
     (void)state;
-    budget limit = {0};
-    pc_context *context = budget_context(&limit);
+    counting_allocator counter = {0};
+    pc_context *context = counting_context(&counter);
     pc_mesh box = shape_box(context, 3, 3, 1);
-    const size_t before = limit.live;
+    const size_t before = counter.live;
     bool done = false;
-    for (size_t allowed = 0; !done; ++allowed) {
+    for (size_t call = 1; !done; ++call) {
         pc_graph graph = {0};
-        limit.left = allowed;
+        fail_allocation(&counter, call);
         const pc_status status = pc_build_graph(context, &box, 1.0, NULL, &graph, NULL);
         done = status == PC_OK;
         assert_true(done || status == PC_ERROR_OUT_OF_MEMORY);
         assert_true(done || (graph.edges == NULL && graph.vertex_count == 0));
         pc_graph_free(context, &graph);
-        assert_int_equal(limit.live, before);
-        assert_true(allowed < 200);
+        assert_int_equal(counter.live, before);
+        assert_true(call < 200);
     }
     pc_mesh_free(context, &box);
     pc_context_destroy(context);

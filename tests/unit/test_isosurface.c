@@ -1,7 +1,7 @@
 #include <stdlib.h>
 
 #include "core/crossing.h"
-#include "support/test.h"
+#include "support/memory.h"
 
 // ---- grids --------------------------------------------------------------------------------------
 
@@ -446,53 +446,30 @@ static void nothing_inside_gives_an_empty_mesh(void **state) {
 
 // ---- lack of memory -----------------------------------------------------------------------------
 
-typedef struct rationed_memory {
-    long left, live;
-} rationed_memory;
-
-static void *rationed_allocate(void *user, size_t size) {
-    rationed_memory *memory = user;
-    if (memory->left == 0) {
-        return NULL;
-    }
-    --memory->left;
-    ++memory->live;
-    return malloc(size);
-}
-
-static void rationed_release(void *user, void *block) {
-    --((rationed_memory *)user)->live;
-    free(block);
-}
-
 static void lack_of_memory_leaves_nothing_behind(void **state) {
     (void)state;
-    rationed_memory memory = {.left = -1};
-    const pc_context_options options = {.allocator = {rationed_allocate, rationed_release, &memory},
-                                        .threads = 1};
-    pc_context *context = NULL;
-    assert_int_equal(pc_context_create(&options, &context), PC_OK);
+    counting_allocator counter = {0};
+    pc_context *context = counting_context(&counter);
     pc_grid grid = noise_grid(context, 6, 0.5, 3);
-    const long before = memory.live;
-    long ration = 0;
-    for (;; ++ration) {
+    const size_t before = counter.live;
+    size_t call = 1;
+    for (;; ++call) {
         pc_mesh mesh = {0};
         pc_isosurface_report report = {0};
-        memory.left = ration;
+        fail_allocation(&counter, call);
         const pc_status status = pc_isosurface(context, &grid, NULL, &mesh, &report);
-        memory.left = -1;
         if (status == PC_OK) {
             pc_mesh_free(context, &mesh);
             break;
         }
         assert_int_equal(status, PC_ERROR_OUT_OF_MEMORY);
-        assert_int_equal(memory.live, before);
+        assert_int_equal(counter.live, before);
         assert_null(mesh.positions);
     }
-    assert_true(ration > 5);
+    assert_true(call > 6);
     pc_grid_free(context, &grid);
     pc_context_destroy(context);
-    assert_int_equal(memory.live, 0);
+    assert_int_equal(counter.live, 0);
 }
 
 int main(void) {

@@ -7,7 +7,7 @@
 #include "core/elimination.h"
 #include "core/maxflow.h"
 #include "core/roof_duality.h"
-#include "support/test.h"
+#include "support/memory.h"
 
 // ---- small graphs -----------------------------------------------------------------------------
 
@@ -668,26 +668,6 @@ static void same_bytes_for_any_threads(void **state) {
 
 // ---- failures on the way ------------------------------------------------------------------------
 
-typedef struct failing {
-    size_t allowed, live;
-} failing;
-
-static void *failing_allocate(void *user, size_t size) {
-    failing *f = user;
-    if (f->allowed == 0) {
-        return NULL;
-    }
-    --f->allowed;
-    void *memory = malloc(size);
-    f->live += memory != NULL;
-    return memory;
-}
-
-static void failing_release(void *user, void *memory) {
-    ((failing *)user)->live -= memory != NULL;
-    free(memory);
-}
-
 static bool stop_at_once(void *user, const char *stage, double fraction) {
     (void)stage;
     size_t *calls = user;
@@ -720,20 +700,17 @@ static void make_torus(pc_context *context, pc_graph *graph) {
 
 static void survives_lack_of_memory(void **state) {
     (void)state;
-    failing f = {.allowed = SIZE_MAX};
-    const pc_context_options options = {.threads = 1,
-                                        .allocator = {failing_allocate, failing_release, &f}};
+    counting_allocator counter = {0};
+    pc_context *context = counting_context(&counter);
     const pc_label_options o = make_options(1, 1, 0, 100);
-    pc_context *context = NULL;
-    assert_int_equal(pc_context_create(&options, &context), PC_OK);
     pc_graph graph = {0};
     make_torus(context, &graph);
-    const size_t before = f.live;
+    const size_t before = counter.live;
     pc_label_report report;
     bool done = false;
-    for (size_t allowed = 0; !done; allowed += 1 + allowed / 6) {
+    for (size_t call = 1; !done; call += 1 + call / 6) {
         pc_labels labels = {0};
-        f.allowed = allowed;
+        fail_allocation(&counter, call);
         const pc_status status = pc_label(context, &graph, &o, &labels, &report);
         done = status == PC_OK;
         if (!done) {
@@ -742,13 +719,12 @@ static void survives_lack_of_memory(void **state) {
             assert_int_equal(labels.vertex_count, 0);
         }
         pc_labels_free(context, &labels);
-        assert_int_equal(f.live, before);
+        assert_int_equal(counter.live, before);
     }
     assert_int_equal(report.outcome, PC_LABEL_OPTIMAL);
-    f.allowed = SIZE_MAX;
     pc_graph_free(context, &graph);
     pc_context_destroy(context);
-    assert_int_equal(f.live, 0);
+    assert_int_equal(counter.live, 0);
 }
 
 static void can_be_cancelled(void **state) {

@@ -2,6 +2,7 @@
 
 #include "core/bvh.h"
 #include "core/topology.h"
+#include "support/memory.h"
 #include "support/obj.h"
 #include "support/shapes.h"
 
@@ -481,26 +482,26 @@ static void cancelling_ends_the_call(void **state) {
 static void survives_memory_failure(void **state) {
     (void)state;
     for (uint32_t solver = 0; solver < 3; ++solver) {
-        budget limit = {0};
-        pc_context *context = budget_context(&limit);
+        counting_allocator counter = {0};
+        pc_context *context = counting_context(&counter);
         pc_mesh box = shape_box(context, 2, 2, 2);
         pc_project_options options;
         pc_record_set_defaults(&pc_project_options_record, &options);
         options.projection_solver = solver;
         options.projection_iterations = 2;
-        const size_t before = limit.live;
+        const size_t before = counter.live;
         bool done = false;
-        for (size_t allowed = 0; !done; ++allowed) {
+        for (size_t call = 1; !done; ++call) {
             pc_mesh projected = {0};
-            limit.left = allowed;
+            fail_allocation(&counter, call);
             const pc_status status =
                 pc_project(context, &box, &box, 1.0, &options, &projected, NULL);
             done = status == PC_OK;
             assert_true(done || status == PC_ERROR_OUT_OF_MEMORY);
             assert_true(done || (projected.positions == NULL && projected.vertex_count == 0));
             pc_mesh_free(context, &projected);
-            assert_int_equal(limit.live, before);
-            assert_true(allowed < 200);
+            assert_int_equal(counter.live, before);
+            assert_true(call < 200);
         }
         pc_mesh_free(context, &box);
         pc_context_destroy(context);

@@ -1,6 +1,7 @@
 #include "support/test.h"
 
 #include "core/topology.h"
+#include "support/manifold.h"
 #include "support/memory.h"
 #include "support/surfaces.h"
 
@@ -16,25 +17,7 @@ static shape check_manifold(pc_context *context, const pc_mesh *mesh) {
     pci_scratch scratch = pci_scratch_begin(context);
     pci_topology topology;
     assert_true(pci_topology_build(&scratch, mesh, &topology));
-    assert_int_equal(pci_nonmanifold_edge_count(&topology), 0);
-    assert_int_equal(pci_nonmanifold_vertex_count(&scratch, mesh, &topology), 0);
-    for (size_t e = 0; e < topology.edge_count; ++e) {
-        const size_t begin = topology.edge_triangle_offsets[e];
-        int balance = 0; // +1 per triangle that runs the edge upwards, -1 downwards
-        for (size_t i = begin; i < topology.edge_triangle_offsets[e + 1]; ++i) {
-            const uint32_t *corner = &mesh->triangles[3 * (size_t)topology.edge_triangles[i]];
-            for (size_t c = 0; c < 3; ++c) {
-                balance += corner[c] == topology.edges[2 * e] &&
-                           corner[(c + 1) % 3] == topology.edges[2 * e + 1];
-                balance -= corner[(c + 1) % 3] == topology.edges[2 * e] &&
-                           corner[c] == topology.edges[2 * e + 1];
-            }
-        }
-        assert_int_equal(balance == 0, topology.edge_triangle_offsets[e + 1] - begin == 2);
-    }
-    for (size_t v = 0; v < mesh->vertex_count; ++v) {
-        assert_true(topology.vertex_triangle_offsets[v] < topology.vertex_triangle_offsets[v + 1]);
-    }
+    assert_manifold(&scratch, mesh, &topology);
     shape result = {.angle_worst = 180.0};
     for (size_t t = 0; t < mesh->triangle_count; ++t) {
         const uint32_t *corner = &mesh->triangles[3 * t];

@@ -1,7 +1,7 @@
 #include <stdlib.h>
 
 #include "core/sparse.h"
-#include "support/shapes.h"
+#include "support/memory.h"
 
 // A sparse symmetric matrix in memory of its own.
 typedef struct matrix {
@@ -242,11 +242,11 @@ static void survives_memory_failure(void **state) {
     (void)state;
     matrix m = torus(5, 5);
     bool done = false;
-    for (size_t allowed = 0; !done; ++allowed) {
-        budget limit = {0};
-        pc_context *context = budget_context(&limit);
-        const size_t before = limit.live;
-        limit.left = allowed;
+    for (size_t call = 1; !done; ++call) {
+        counting_allocator counter = {0};
+        pc_context *context = counting_context(&counter);
+        const size_t before = counter.live;
+        fail_allocation(&counter, call);
         double x[75] = {1.0};
         pci_cholesky *c = NULL;
         pc_status status =
@@ -259,10 +259,9 @@ static void survives_memory_failure(void **state) {
         }
         assert_true(done || status == PC_ERROR_OUT_OF_MEMORY);
         pci_cholesky_destroy(context, c);
-        assert_int_equal(limit.live, before);
-        limit.left = SIZE_MAX;
+        assert_int_equal(counter.live, before);
         pc_context_destroy(context);
-        assert_true(allowed < 100);
+        assert_true(call < 100);
     }
     matrix_free(&m);
 }

@@ -2,7 +2,7 @@
 #include <float.h>
 #include <stdlib.h>
 
-#include "support/test.h"
+#include "support/memory.h"
 
 static pc_visual_arrays plain(const double *positions, size_t vertices, const uint32_t *triangles,
                               size_t count) {
@@ -351,54 +351,31 @@ static void rejects_caller_errors(void **state) {
     pc_context_destroy(context);
 }
 
-typedef struct counter {
-    size_t left, live;
-} counter;
-
-static void *limited_allocate(void *user, size_t size) {
-    counter *count = user;
-    if (count->left == 0) {
-        return NULL;
-    }
-    --count->left;
-    ++count->live;
-    return malloc(size);
-}
-
-static void limited_release(void *user, void *memory) {
-    ((counter *)user)->live -= 1;
-    free(memory);
-}
-
 // Every allocation fails once.
 static void survives_lack_of_memory(void **state) {
     (void)state;
-    counter count = {.left = SIZE_MAX};
-    const pc_context_options options = {
-        .allocator = {.allocate = limited_allocate, .release = limited_release, .user = &count},
-        .threads = 1};
-    pc_context *context = NULL;
-    assert_int_equal(pc_context_create(&options, &context), PC_OK);
-    const size_t live = count.live;
+    counting_allocator counter = {0};
+    pc_context *context = counting_context(&counter);
+    const size_t live = counter.live;
     float attributes[24] = {0};
     pc_visual_arrays arrays = plain(square, 6, square_triangles, 2);
     arrays.normals = arrays.texcoords = arrays.colors = attributes;
     pc_visual visual = {0};
     static const pc_visual empty;
     pc_status status = PC_ERROR_OUT_OF_MEMORY;
-    size_t limit = 0;
-    for (; status == PC_ERROR_OUT_OF_MEMORY && limit < 100; ++limit) {
-        count.left = limit;
+    size_t call = 1;
+    for (; status == PC_ERROR_OUT_OF_MEMORY && call < 100; ++call) {
+        fail_allocation(&counter, call);
         status = pc_visual_create(context, &arrays, &visual, NULL);
         if (status != PC_OK) {
             assert_memory_equal(&visual, &empty, sizeof(empty));
-            assert_int_equal(count.live, live);
+            assert_int_equal(counter.live, live);
         }
     }
     assert_int_equal(status, PC_OK);
-    assert_true(limit > 15);
+    assert_true(call > 16);
     pc_visual_free(context, &visual);
-    assert_int_equal(count.live, live);
+    assert_int_equal(counter.live, live);
     pc_context_destroy(context);
 }
 

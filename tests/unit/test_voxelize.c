@@ -1,4 +1,4 @@
-#include "support/test.h"
+#include "support/memory.h"
 
 #include <stdlib.h>
 
@@ -336,52 +336,29 @@ static void cancelling_leaves_nothing_behind(void **state) {
     pc_context_destroy(context);
 }
 
-typedef struct rationed_memory {
-    long left, live;
-} rationed_memory;
-
-static void *rationed_allocate(void *user, size_t size) {
-    rationed_memory *memory = user;
-    if (memory->left == 0) {
-        return NULL;
-    }
-    --memory->left;
-    ++memory->live;
-    return malloc(size);
-}
-
-static void rationed_release(void *user, void *block) {
-    --((rationed_memory *)user)->live;
-    free(block);
-}
-
 static void lack_of_memory_leaves_nothing_behind(void **state) {
     (void)state;
-    rationed_memory memory = {.left = -1};
-    const pc_context_options options = {.allocator = {rationed_allocate, rationed_release, &memory},
-                                        .threads = 1};
-    pc_context *context = NULL;
-    assert_int_equal(pc_context_create(&options, &context), PC_OK);
+    counting_allocator counter = {0};
+    pc_context *context = counting_context(&counter);
     pc_mesh mesh = sheet(context, 2, 1.0, 0.0, 0.1);
-    const long before = memory.live;
-    long ration = 0;
-    for (;; ++ration) {
+    const size_t before = counter.live;
+    size_t call = 1;
+    for (;; ++call) {
         pc_grid grid = {0};
-        memory.left = ration;
+        fail_allocation(&counter, call);
         const pc_status status = pc_voxelize(context, &mesh, NULL, &grid, NULL);
-        memory.left = -1;
         if (status == PC_OK) {
             pc_grid_free(context, &grid);
             break;
         }
         assert_int_equal(status, PC_ERROR_OUT_OF_MEMORY);
-        assert_int_equal(memory.live, before);
+        assert_int_equal(counter.live, before);
         assert_empty(&grid);
     }
-    assert_true(ration > 8);
+    assert_true(call > 9);
     pc_mesh_free(context, &mesh);
     pc_context_destroy(context);
-    assert_int_equal(memory.live, 0);
+    assert_int_equal(counter.live, 0);
 }
 
 int main(void) {

@@ -199,28 +199,56 @@ static double edge_length(const pci_halfedge *mesh, uint32_t h) {
                                      &mesh->positions[3 * (size_t)pci_target(mesh, h)]));
 }
 
-// Halves the longest edge of each triangle that may touch the outline until it is shorter than half
-// the threshold: the distance hardly changes faster than the way, so shorter edges cannot hide a
-// crossing that matters.
-static bool refine_outline(outline *o, double threshold) {
+// The longest edge of a triangle; ties go to the smaller half-edge of the pair.
+static uint32_t longest_edge(const pci_halfedge *mesh, uint32_t t) {
+    uint32_t best = 3 * t;
+    double length = -1.0;
+    for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
+        const double candidate = edge_length(mesh, h);
+        const uint32_t id = h < mesh->twins[h] ? h : mesh->twins[h];
+        const uint32_t best_id = best < mesh->twins[best] ? best : mesh->twins[best];
+        if (candidate > length || (candidate == length && id < best_id)) {
+            best = h;
+            length = candidate;
+        }
+    }
+    return best;
+}
+
+// Follows longest edges from a triangle to one that is the longest of both its triangles (Rivara).
+// Every edge that its split makes is shorter by a fixed factor, also among triangles without area.
+static uint32_t terminal_edge(const pci_halfedge *mesh, uint32_t t) {
+    uint32_t h = longest_edge(mesh, t);
+    while (mesh->twins[h] != PC_INVALID_INDEX) {
+        const uint32_t next = longest_edge(mesh, mesh->twins[h] / 3);
+        if (next == mesh->twins[h]) {
+            break;
+        }
+        h = next;
+    }
+    return h;
+}
+
+// Halves the longest edge of each triangle that may touch the outline until it is shorter than
+// `shortest`: the distance hardly changes faster than the way, so edges of half the threshold
+// cannot hide a crossing that matters. False: no memory, or cancelled.
+static bool refine_outline(outline *o, double threshold, double shortest) {
     const pci_halfedge *mesh = &o->mesh;
+    pc_context *context = mesh->scratch->context;
     for (bool changed = true; changed;) {
         changed = false;
         for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
-            double longest = 0.0, nearest = INFINITY, farthest = 0.0;
-            uint32_t edge = 3 * t;
+            if (t % 4096 == 0 && !pci_progress(context, "carve", 0.5)) {
+                return false;
+            }
+            const double longest = edge_length(mesh, longest_edge(mesh, t));
+            double nearest = INFINITY, farthest = 0.0;
             for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
-                const double length = edge_length(mesh, h);
-                if (length > longest) {
-                    longest = length;
-                    edge = h;
-                }
                 nearest = fmin(nearest, o->distances[pci_origin(mesh, h)]);
                 farthest = fmax(farthest, o->distances[pci_origin(mesh, h)]);
             }
-            if (longest > 0.5 * threshold && nearest < threshold &&
-                farthest + 0.5 * longest > threshold) {
-                if (!split_measured(o, edge, 0.5, NULL)) {
+            if (longest > shortest && nearest < threshold && farthest + 0.5 * longest > threshold) {
+                if (!split_measured(o, terminal_edge(mesh, t), 0.5, NULL)) {
                     return false;
                 }
                 changed = true;
@@ -232,8 +260,11 @@ static bool refine_outline(outline *o, double threshold) {
 
 // Cuts along the isoline of the distance to the visual mesh's footprint and keeps the near side.
 static pc_status carve_outline(pci_scratch *scratch, const pc_mesh *surface, double threshold,
-                               pc_mesh *mesh, uint64_t *carved) {
+                               double cell_size, pc_mesh *mesh, uint64_t *carved) {
     pc_context *context = scratch->context;
+    // Finer than an eighth of a voxel there is nothing to see, and a layer that runs near the
+    // threshold everywhere would be refined everywhere.
+    const double shortest = fmax(0.5 * threshold, 0.125 * cell_size);
     pci_bvh *visual = NULL;
     pc_status status = pci_bvh_create(context, "carve", surface, &visual);
     if (status != PC_OK) {
@@ -248,7 +279,10 @@ static pc_status carve_outline(pci_scratch *scratch, const pc_mesh *surface, dou
         o.normal_capacity = o.distance_capacity = mesh->vertex_count;
         pci_vertex_normals(mesh, o.normals);
         pci_parallel_for(context, mesh->vertex_count, grain, measure_outline, &o);
-        bool done = refine_outline(&o, threshold);
+        bool done = refine_outline(&o, threshold, shortest);
+        if (!done && !scratch->failed) {
+            status = PC_ERROR_CANCELLED;
+        }
         // New edges end on the isoline and never cross it, so one pass finds all crossings.
         for (uint32_t h = 0; done && h < 3 * o.mesh.triangle_count; ++h) {
             if (pci_is_edge(&o.mesh, h)) {
@@ -280,7 +314,11 @@ static pc_status carve_outline(pci_scratch *scratch, const pc_mesh *surface, dou
         }
     }
     pci_bvh_destroy(context, visual);
-    return status == PC_OK ? PC_OK : pci_fail_memory(context, "carve");
+    if (status == PC_OK) {
+        return PC_OK;
+    }
+    return status == PC_ERROR_CANCELLED ? pci_fail_cancelled(context, "carve")
+                                        : pci_fail_memory(context, "carve");
 }
 
 // ---- report -----------------------------------------------------------------------------------
@@ -400,7 +438,7 @@ static pc_status extract(pci_scratch *scratch, const pc_mesh *surface, const pc_
     }
     if (options->carve) {
         const pc_status status =
-            carve_outline(scratch, surface, options->carve_distance * cell_size, layer,
+            carve_outline(scratch, surface, options->carve_distance * cell_size, cell_size, layer,
                           &report->carved_triangles);
         if (status != PC_OK) {
             return status;

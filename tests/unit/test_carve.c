@@ -223,6 +223,33 @@ static void carves_the_gap_between_sheets(void **state) {
     pc_context_destroy(context);
 }
 
+// Triangles squeezed into a line along the outline: refining them must come to an end.
+static void refines_triangles_without_area(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh visual = test_sheet(context, 3, 3, 1.0, 1.0), layer = {0};
+    pc_mesh squeezed = test_sheet(context, 9, 7, 2.5, 1.0);
+    for (size_t v = 0; v < squeezed.vertex_count; ++v) {
+        squeezed.positions[3 * v + 1] *= squeezed.positions[3 * v] > 0.8 ? 0.0 : 1.0;
+    }
+    pc_labels labels = make_labels(context, squeezed.vertex_count, 1);
+    pc_carve_options options;
+    pc_record_set_defaults(&pc_carve_options_record, &options);
+    options.carve = true;
+    options.carve_distance = pc_record_find(&pc_carve_options_record, "carve_distance")->minimum;
+    pc_carve_report report = {0};
+    assert_ok(context,
+              pc_carve(context, &visual, &squeezed, &labels, 0.25, &options, &layer, &report));
+    check_layer(context, &layer, &report);
+    assert_true(report.carved_triangles > 0);
+    assert_true(layer.triangle_count < 100000);
+    pc_mesh_free(context, &layer);
+    pc_labels_free(context, &labels);
+    pc_mesh_free(context, &squeezed);
+    pc_mesh_free(context, &visual);
+    pc_context_destroy(context);
+}
+
 static void survives_lack_of_memory(void **state) {
     (void)state;
     counting_allocator counter = {0};
@@ -355,6 +382,7 @@ int main(void) {
         cmocka_unit_test(drops_small_parts),
         cmocka_unit_test(survives_random_labels),
         cmocka_unit_test(carves_the_gap_between_sheets),
+        cmocka_unit_test(refines_triangles_without_area),
         cmocka_unit_test(survives_lack_of_memory),
         cmocka_unit_test(is_deterministic),
         cmocka_unit_test(can_be_cancelled),

@@ -59,6 +59,11 @@ static pc_status check_mesh(pc_context *context, const pc_mesh *mesh, const char
         return pci_fail(context, PC_ERROR_INVALID_MESH, stage, "%s: the %s mesh has no triangle",
                         stage, name);
     }
+    if (mesh->triangle_count >= PC_INVALID_INDEX / 3) { // corners have 32-bit indices
+        return pci_fail(context, PC_ERROR_TOO_LARGE, stage,
+                        "%s: %zu triangles of the %s mesh are too many", stage,
+                        mesh->triangle_count, name);
+    }
     for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
         const uint32_t v = mesh->triangles[i];
         if (v >= mesh->vertex_count) {

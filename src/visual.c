@@ -52,11 +52,12 @@ static pc_status check_arrays(pc_context *context, const pc_visual_arrays *array
                         "visual: the mesh has no triangle");
     }
     for (size_t i = 0; i < 3 * arrays->vertex_count; ++i) {
-        if (!(fabs(arrays->positions[i]) <= coordinate_limit)) {
+        const double x = arrays->positions[i];
+        if (!(fabs(x) <= coordinate_limit)) {
             return pci_fail(context, PC_ERROR_INVALID_MESH, "visual",
                             "visual: vertex %zu has %c = %g; coordinates must be finite and at "
                             "most %g in size",
-                            i / 3, "xyz"[i % 3], arrays -> positions[i], coordinate_limit);
+                            i / 3, "xyz"[i % 3], x, coordinate_limit);
         }
     }
     for (size_t i = 0; i < 3 * arrays->triangle_count; ++i) {

@@ -30,7 +30,6 @@ extern "C" {
     X(ERROR_INVALID_ARGUMENT, 1, "the caller broke the call's contract")                           \
     X(ERROR_INVALID_OPTIONS, 2, "an option is out of its range")                                   \
     X(ERROR_INVALID_MESH, 3, "the mesh cannot be processed")                                       \
-    X(ERROR_UNSUPPORTED, 4, "not supported")                                                       \
     X(ERROR_TOO_LARGE, 5, "a count exceeds a limit")                                               \
     X(ERROR_OUT_OF_MEMORY, 6, "memory ran out")                                                    \
     X(ERROR_IO, 7, "a file cannot be read or written")                                             \
@@ -64,17 +63,19 @@ typedef struct pc_allocator {
     void *user;
 } pc_allocator;
 
-typedef enum pc_log_level { PC_LOG_WARNING = 0, PC_LOG_INFO = 1, PC_LOG_DEBUG = 2 } pc_log_level;
+typedef enum pc_log_level { PC_LOG_WARNING = 0, PC_LOG_INFO = 1 } pc_log_level;
 
 /// How a context is made. Zero-initialised: C allocator, all cores, silent.
 typedef struct pc_context_options {
     pc_allocator allocator;
     /// Threads used inside a call. [Limit: 0..256] [Default: 0 = one per core]
     uint32_t threads;
-    /// Called with short messages, from the thread that made the call. May be NULL.
+    /// Called with short messages, for example that fewer threads could be started than asked for,
+    /// from the thread that made the call. May be NULL.
     void (*log)(void *user, pc_log_level level, const char *stage, const char *message);
-    /// Called now and then with the fraction (0..1) of the running stage, from the thread that made
-    /// the call. Returning false ends the call with PC_ERROR_CANCELLED. May be NULL.
+    /// Called several times a second with the fraction (0..1) of the running stage, from the
+    /// thread that made the call. Returning false ends the call with PC_ERROR_CANCELLED. May be
+    /// NULL.
     bool (*progress)(void *user, const char *stage, double fraction);
     /// Passed to both callbacks.
     void *user;

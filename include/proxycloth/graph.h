@@ -55,8 +55,8 @@ extern const pc_record pc_graph_report_record;
 
 /// @param[in]  projected  closed manifold mesh.
 /// @param[out] graph      zeroed on entry.
-/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_OPTIONS; PC_ERROR_OUT_OF_MEMORY;
-///         PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
+/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_OPTIONS; PC_ERROR_TOO_LARGE;
+///         PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
 PC_NODISCARD pc_status pc_build_graph(pc_context *context, const pc_mesh *projected,
                                       double cell_size, const pc_graph_options *options,
                                       pc_graph *graph, pc_graph_report *report);

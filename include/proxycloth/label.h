@@ -62,13 +62,15 @@ extern const pc_record pc_label_report_record;
 /// @param[out] labels  zeroed on entry.
 /// @return PC_OK (also without proof); PC_ERROR_INVALID_ARGUMENT (index out of range, edge from a
 ///         vertex to itself, weight or sum of weights not finite, negative weight, sign not in
-///         -1..1); PC_ERROR_INVALID_OPTIONS; PC_ERROR_TOO_LARGE;
-///         PC_ERROR_OUT_OF_MEMORY; PC_ERROR_CANCELLED.
+///         -1..1); PC_ERROR_INVALID_OPTIONS; PC_ERROR_TOO_LARGE; PC_ERROR_OUT_OF_MEMORY;
+///         PC_ERROR_CANCELLED.
 PC_NODISCARD pc_status pc_label(pc_context *context, const pc_graph *graph,
                                 const pc_label_options *options, pc_labels *labels,
                                 pc_label_report *report);
 
-/// Value of a labelling, recomputed from the definition.
+/// Value of a labelling, recomputed from the definition; the caller vouches for the indices.
+/// @param[in] options  not NULL.
+/// @param[in] labels   one per vertex of the graph.
 double pc_label_objective(const pc_graph *graph, const pc_label_options *options,
                           const uint8_t *labels);
 

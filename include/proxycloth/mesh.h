@@ -99,8 +99,8 @@ typedef struct pc_visual_report {
 /// @param[out] visual  zeroed on entry.
 /// @param[out] report  may be NULL.
 /// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (NULL, output not empty); PC_ERROR_INVALID_MESH (no
-///         triangle, index out of range, position NaN, infinite or beyond 1e30, all positions
-///         equal or nearer to one line than 1e-6 of the extent, no triangle with area);
+///         triangle, index out of range, position NaN, infinite or beyond 1e30, all positions equal
+///         or nearer to one line than 1e-6 of the extent, no triangle with area);
 ///         PC_ERROR_TOO_LARGE (2^31 elements); PC_ERROR_OUT_OF_MEMORY.
 PC_NODISCARD pc_status pc_visual_create(pc_context *context, const pc_visual_arrays *arrays,
                                         pc_visual *visual, pc_visual_report *report);

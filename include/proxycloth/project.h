@@ -50,8 +50,8 @@ extern const pc_record pc_project_report_record;
 /// @param[in]  isosurface closed manifold mesh around it.
 /// @param[in]  cell_size  of the grid the mesh came from; > 0.
 /// @param[out] projected  zeroed on entry.
-/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_OPTIONS; PC_ERROR_OUT_OF_MEMORY;
-///         PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
+/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_OPTIONS; PC_ERROR_TOO_LARGE;
+///         PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
 PC_NODISCARD pc_status pc_project(pc_context *context, const pc_mesh *surface,
                                   const pc_mesh *isosurface, double cell_size,
                                   const pc_project_options *options, pc_mesh *projected,

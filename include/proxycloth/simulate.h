@@ -57,8 +57,8 @@ extern const pc_record pc_simulate_report_record;
 
 /// @param[in]  proxy   manifold with boundary.
 /// @param[out] motion  zeroed on entry; `positions` in the proxy's unit.
-/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_OPTIONS; PC_ERROR_NUMERICAL (with the
-///         frame number); PC_ERROR_OUT_OF_MEMORY; PC_ERROR_CANCELLED.
+/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_OPTIONS; PC_ERROR_TOO_LARGE;
+///         PC_ERROR_NUMERICAL (with the frame number); PC_ERROR_OUT_OF_MEMORY; PC_ERROR_CANCELLED.
 PC_NODISCARD pc_status pc_simulate(pc_context *context, const pc_mesh *proxy,
                                    const pc_simulate_options *options, pc_motion *motion,
                                    pc_simulate_report *report);

@@ -85,14 +85,17 @@ extern const pc_record pc_skin_report_record;
 /// @param[in]  proxy    rest pose of the driving mesh.
 /// @param[in]  motion   its frames.
 /// @param[out] skin     zeroed on entry.
-/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_OPTIONS; PC_ERROR_NUMERICAL;
-///         PC_ERROR_OUT_OF_MEMORY; PC_ERROR_CANCELLED.
+/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_OPTIONS; PC_ERROR_TOO_LARGE;
+///         PC_ERROR_NUMERICAL; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY (Embree);
+///         PC_ERROR_CANCELLED.
 PC_NODISCARD pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface,
                                         const pc_mesh *proxy, const pc_motion *motion,
                                         const pc_skin_options *options, pc_skin *skin,
                                         pc_skin_report *report);
 
 /// Baseline: each vertex follows the closest point of the proxy by its barycentric coordinates.
+/// @param[out] skin  zeroed on entry; K = 3.
+/// @return as pc_skin_optimize.
 PC_NODISCARD pc_status pc_skin_closest_triangle(pc_context *context, const pc_mesh *surface,
                                                 const pc_mesh *proxy, pc_skin *skin);
 
@@ -103,12 +106,15 @@ typedef struct pc_skin_losses {
 } pc_skin_losses;
 
 /// Evaluates any weights on any motion, in double.
+/// @param[in]  options  of these only `neighbours` counts; NULL for the defaults.
+/// @param[out] losses   overwritten.
+/// @return as pc_skin_optimize.
 PC_NODISCARD pc_status pc_skin_evaluate(pc_context *context, const pc_mesh *surface,
                                         const pc_mesh *proxy, const pc_motion *motion,
                                         const pc_skin *skin, const pc_skin_options *options,
                                         pc_skin_losses *losses);
 
-/// Equation (6) for one frame: frames of a driving mesh in, detailed mesh out.
+/// Equation (6) for one frame: a frame of the driving mesh in, the detailed mesh out.
 /// @param[in]  rest   #V by 3, visual vertices at rest.
 /// @param[in]  proxy_rest, proxy_frame  #P by 3.
 /// @param[out] output #V by 3; may be `rest`.

@@ -96,6 +96,10 @@ pci_pool *pci_pool_create(pc_context *context, uint32_t threads) {
         ++pool->started;
     }
     pool->thread_count = pool->started + 1;
+    if (pool->thread_count < threads) {
+        pci_log(context, PC_LOG_WARNING, "context",
+                "context: only %u of %u threads could be started", pool->thread_count, threads);
+    }
     return pool;
 }
 

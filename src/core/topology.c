@@ -393,9 +393,11 @@ pc_status pci_check_mesh(pc_context *context, const char *stage, const pc_mesh *
         return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage, "%s: the %s is empty", stage,
                         name);
     }
-    if (mesh->vertex_count >= PC_INVALID_INDEX) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage, "%s: the %s has %zu vertices",
-                        stage, name, mesh->vertex_count);
+    // Corners and half-edges have 32-bit indices.
+    if (mesh->vertex_count >= PC_INVALID_INDEX || mesh->triangle_count >= PC_INVALID_INDEX / 3) {
+        return pci_fail(context, PC_ERROR_TOO_LARGE, stage,
+                        "%s: %zu vertices and %zu triangles of the %s are too many", stage,
+                        mesh->vertex_count, mesh->triangle_count, name);
     }
     for (size_t k = 0; k < 3 * mesh->vertex_count; ++k) {
         if (!isfinite(mesh->positions[k])) {

@@ -53,7 +53,7 @@ bool pci_mesh_compact(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *
 void pci_vertex_normals(const pc_mesh *mesh, double *normals);
 
 // Whether a mesh has vertices and triangles, finite positions and indices in range; NULL has not.
-// `name` is what the message calls it. PC_OK; PC_ERROR_INVALID_ARGUMENT.
+// `name` is what the message calls it. PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_TOO_LARGE.
 PC_NODISCARD pc_status pci_check_mesh(pc_context *context, const char *stage, const pc_mesh *mesh,
                                       const char *name);
 

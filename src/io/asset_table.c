@@ -7,11 +7,6 @@ const char *pci_group_name(int group) {
     return group == 0 ? "visual" : pc_stage_describe((pc_stage)(group - 1))->name;
 }
 
-size_t pci_element_size(pci_element element) {
-    static const size_t sizes[PCI_ELEMENT_COUNT] = {8, 4, 8, 4, 1, 1};
-    return sizes[element];
-}
-
 // ---- counts -----------------------------------------------------------------------------------
 
 static const size_t count_offsets[PCI_COUNT_COUNT] = {

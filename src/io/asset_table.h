@@ -22,8 +22,6 @@ typedef enum pci_element {
     PCI_ELEMENT_COUNT
 } pci_element;
 
-size_t pci_element_size(pci_element element);
-
 // Numbers of elements that arrays share.
 typedef enum pci_count {
     PCI_COUNT_NONE = 0,

@@ -97,18 +97,6 @@ pc_status pci_atomic_end(pci_atomic_file *file, pc_status status) {
     return PC_OK;
 }
 
-pc_status pci_atomic_write(pc_context *context, const char *stage, const char *path,
-                           const void *bytes, size_t size) {
-    pci_atomic_file file;
-    const pc_status status = pci_atomic_begin(context, stage, path, &file);
-    if (status != PC_OK) {
-        return status;
-    }
-    // A short write leaves the stream's error flag set.
-    (void)!fwrite(bytes, 1, size, file.stream);
-    return pci_atomic_end(&file, PC_OK);
-}
-
 pc_status pci_read_file(pc_context *context, const char *stage, const char *path,
                         unsigned char **bytes, size_t *size) {
     *bytes = NULL;

@@ -24,10 +24,6 @@ PC_NODISCARD pc_status pci_atomic_begin(pc_context *context, const char *stage, 
 // temporary file. Returns the first failure.
 PC_NODISCARD pc_status pci_atomic_end(pci_atomic_file *file, pc_status status);
 
-// Begin, write, end.
-PC_NODISCARD pc_status pci_atomic_write(pc_context *context, const char *stage, const char *path,
-                                        const void *bytes, size_t size);
-
 // The bytes of a regular file; release with pc_release.
 // @return PC_OK; PC_ERROR_IO; PC_ERROR_OUT_OF_MEMORY.
 PC_NODISCARD pc_status pci_read_file(pc_context *context, const char *stage, const char *path,

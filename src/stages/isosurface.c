@@ -460,7 +460,7 @@ static pc_status extract(pc_context *context, pci_scratch *scratch, extraction *
     }
     e->mesh.vertex_count = accumulate(e->row_vertices, e->row_count);
     e->mesh.triangle_count = accumulate(e->row_triangles, e->row_count);
-    if (e->mesh.triangle_count > INT32_MAX) {
+    if (e->mesh.triangle_count >= PC_INVALID_INDEX / 3) {
         return pci_fail(context, PC_ERROR_TOO_LARGE, stage, "%s: %zu triangles are too many", stage,
                         e->mesh.triangle_count);
     }

@@ -95,14 +95,14 @@ static double *read_accessor(const glb *g, size_t index, size_t *count) {
     const cJSON *offset = cJSON_GetObjectItem(accessor, "byteOffset");
     const size_t type = number(accessor, "componentType"), size = component_size(type);
     const size_t begin =
-        number(view, "byteOffset") + (size_t)cJSON_GetNumberValue(offset) * (offset != NULL);
+        number(view, "byteOffset") + (offset != NULL ? number(accessor, "byteOffset") : 0);
     *count = number(accessor, "count");
     const size_t total = *count * tuple_size(accessor);
     double *values = malloc(total * sizeof(double));
     assert_non_null(values);
     for (size_t i = 0; i < total; ++i) {
         const unsigned char *at = g->bin + begin + i * size;
-        float real;
+        float real = 0.0f;
         memcpy(&real, at, size == 4 ? 4 : 0);
         values[i] = type == 5126   ? (double)real
                     : type == 5125 ? (double)u32_at(at)

@@ -19,7 +19,9 @@ static const cli_command commands_before[] = {
      .operands = "INPUT -o OUTDIR",
      .summary = "garment mesh -> proxy mesh, simulated frames and skinning weights",
      .details = "INPUT is an OBJ, FBX, glTF, GLB, DAE, PLY or STL file. Writes NAME.glb,\n"
-                "NAME.proxy.obj, NAME.h5, NAME.json and NAME.png into OUTDIR.\n",
+                "NAME.proxy.obj, NAME.h5, NAME.json and NAME.png into OUTDIR, over older ones.\n"
+                "OBJ, PLY and STL files hold neither unit nor up axis and are taken as they are;\n"
+                "see --up-axis. FBX and DAE files are converted to metres and y up.\n",
      .minimum_inputs = 1,
      .maximum_inputs = 1,
      .accepts = CLI_OUTPUT_FOLDER | CLI_NAME | CLI_MESH | CLI_PNG,

@@ -119,8 +119,13 @@ void cli_clean_text(char *out, size_t size, const char *text);
 // this call: import files first.
 int cli_context(const cli_command *command, const cli_arguments *arguments, pc_context **context);
 
-// From now on SIGINT, SIGTERM and SIGHUP only set a flag.
+// From now on SIGINT, SIGTERM and SIGHUP set a flag. While the library computes, a second signal
+// ends the program at once: a long loop may not ask for progress.
 void cli_catch_signals(void);
+// Files are being written until the program ends: the second signal has to wait as well.
+void cli_begin_writing(void);
+// Folders that the second signal removes, in this order; NULL-terminated. NULL: none.
+void cli_abandon(char *const *folders);
 bool cli_interrupted(void);
 int cli_fail_interrupted(const char *command);
 
@@ -142,11 +147,12 @@ int cli_load_asset(const cli_command *command, pc_context *context, const char *
 // ---- output -------------------------------------------------------------------------------------
 
 // Files of one run: they are written into a staging folder inside the output folder and moved to
-// their places together. Nothing stays behind on failure.
+// their places when all are complete. Nothing stays behind on failure.
 typedef struct cli_output {
     char *folder;
-    char *staging;
-    size_t created; // how many trailing parts of `folder` this run made
+    char *staging; // one of `made`
+    char **made;   // folders that this run made, innermost first; NULL-terminated
+    size_t made_count;
     char *names[8];
     size_t name_count;
 } cli_output;

@@ -46,6 +46,7 @@ int cli_export_files(const cli_command *command, const cli_arguments *arguments,
     if (status != PC_OK) {
         return cli_fail_status(command->name, context, status, NULL, false);
     }
+    cli_begin_writing();
     for (result_file file = 0; file < FILE_COUNT; ++file) {
         if ((file == FILE_ASSET && !with_asset) ||
             (file == FILE_SHEET && !arguments->settings.png)) {

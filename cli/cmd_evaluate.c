@@ -50,6 +50,40 @@ static int load_side(const cli_command *command, const cli_arguments *arguments,
     return code;
 }
 
+typedef struct measure_group {
+    const char *title;
+    const char *first; // the field that starts the group
+} measure_group;
+
+// Groups the measures, and puts NAME_mean, NAME_sd and NAME_worst into one row.
+static void print_measures(const pc_measures *measures) {
+    static const measure_group groups[] = {{"proxy mesh", "vertices"},
+                                           {"defects, none is best", "nonmanifold_edges"},
+                                           {"distance, 0 is best", "hausdorff"},
+                                           {"shape of the triangles", "min_angle_mean"}};
+    const pc_record *record = &pc_measures_record;
+    for (size_t i = 0, group = 0; i < record->field_count; ++i) {
+        const pc_field *field = &record->fields[i];
+        const size_t length = strlen(field->name);
+        if (group < sizeof(groups) / sizeof(groups[0]) &&
+            strcmp(field->name, groups[group].first) == 0) {
+            printf("%s# %s\n", group != 0 ? "\n" : "", groups[group].title);
+            ++group;
+        }
+        if (length > 5 && strcmp(field->name + length - 5, "_mean") == 0 &&
+            i + 2 < record->field_count) {
+            printf("%-28.*s mean %-9.4g sd %-9.4g worst %.4g%s%s\n", (int)length - 5, field->name,
+                   pc_field_number(field, measures), pc_field_number(field + 1, measures),
+                   pc_field_number(field + 2, measures), field->unit[0] != '\0' ? " " : "",
+                   field->unit);
+            i += 2;
+        } else {
+            const pc_record one = {.fields = field, .field_count = 1, .size = record->size};
+            print_record(&one, measures, "");
+        }
+    }
+}
+
 static int evaluate(const cli_command *command, const cli_arguments *arguments, pc_context *context,
                     eval_side sides[2]) {
     const pc_mesh *meshes[2];
@@ -65,7 +99,7 @@ static int evaluate(const cli_command *command, const cli_arguments *arguments, 
         return cli_fail_status(command->name, context, status, NULL, false);
     }
     if (!arguments->settings.json) {
-        print_record(&pc_measures_record, &measures, "");
+        print_measures(&measures);
         return CLI_OK;
     }
     cJSON *root = cJSON_CreateObject();

@@ -23,41 +23,153 @@ static void bounds(const scene_data *scene, const scene_part *part, double low[3
     }
 }
 
-static void print_scene(const scene_data *scene, const uint8_t *chosen) {
-    const scene_header *h = &scene->header;
-    printf("format     %s\nnodes      %llu\nparts      %llu\nvertices   %llu\ntriangles  %llu\n",
-           h->format, (unsigned long long)h->node_count, (unsigned long long)h->part_count,
-           (unsigned long long)h->vertex_count, (unsigned long long)h->triangle_count);
-    for (size_t i = 0; i < h->part_count; ++i) {
+// Materials that a chosen part uses; importers invent some that none does.
+static bool material_used(const scene_data *scene, const uint8_t *chosen, size_t material) {
+    for (size_t i = 0; i < scene->header.part_count; ++i) {
+        if (chosen[i] && scene->parts[i].material == material) {
+            return true;
+        }
+    }
+    return false;
+}
+
+enum { name_columns = 3 };
+
+static const char *part_name(const scene_data *scene, const scene_part *part, size_t column) {
+    return column == 0   ? part->node
+           : column == 1 ? part->mesh
+                         : scene->materials[part->material].name;
+}
+
+// Characters, not bytes, so that columns of UTF-8 names line up.
+static int text_width(const char *text) {
+    int width = 0;
+    for (; *text != '\0'; ++text) {
+        width += ((unsigned char)*text & 0xc0) != 0x80;
+    }
+    return width;
+}
+
+static void print_name(const char *name, int width) {
+    printf("\"%s\"%*s", name, width - text_width(name) + 2, "");
+}
+
+static void print_data(const scene_part *part) {
+    const char *names[3], *separator = "";
+    size_t count = 0;
+    if (part->has_normals) {
+        names[count++] = "normals";
+    }
+    if (part->has_texcoords) {
+        names[count++] = "texcoords";
+    }
+    if (part->has_colors) {
+        names[count++] = "colors";
+    }
+    for (size_t i = 0; i < count; ++i) {
+        printf("%s%s", separator, names[i]);
+        separator = ", ";
+    }
+    if (part->bone_count != 0) {
+        printf("%s%u bones", separator, part->bone_count);
+    }
+    putchar('\n');
+}
+
+static void print_parts(const scene_data *scene, const uint8_t *chosen) {
+    static const char *const titles[name_columns] = {"node", "mesh", "material"};
+    int widths[name_columns];
+    for (size_t k = 0; k < name_columns; ++k) {
+        widths[k] = text_width(titles[k]);
+        for (size_t i = 0; i < scene->header.part_count; ++i) {
+            const int width = text_width(part_name(scene, &scene->parts[i], k));
+            widths[k] = chosen[i] && width > widths[k] ? width : widths[k];
+        }
+    }
+    printf("\nparts (--mesh takes the name of a node, mesh or material)\n  ");
+    for (size_t k = 0; k < name_columns; ++k) {
+        printf("%-*s  ", widths[k] + 2, titles[k]);
+    }
+    printf("%9s %9s  %-26s  data\n", "vertices", "triangles", "size");
+    for (size_t i = 0; i < scene->header.part_count; ++i) {
         const scene_part *part = &scene->parts[i];
         double low[3], high[3];
+        char size[64];
         if (!chosen[i]) {
             continue;
         }
         bounds(scene, part, low, high);
-        printf(
-            "part       node \"%s\", mesh \"%s\", material \"%s\", %llu vertices, %llu triangles%s"
-            "%s%s",
-            part->node, part->mesh, scene->materials[part->material].name,
-            (unsigned long long)part->vertex_count, (unsigned long long)part->triangle_count,
-            part->has_normals ? ", normals" : "", part->has_texcoords ? ", texcoords" : "",
-            part->has_colors ? ", colors" : "");
-        if (part->bone_count != 0) {
-            printf(", %u bones", part->bone_count);
+        printf("  ");
+        for (size_t k = 0; k < name_columns; ++k) {
+            print_name(part_name(scene, part, k), widths[k]);
         }
-        printf(", from (%.4g, %.4g, %.4g) to (%.4g, %.4g, %.4g)\n", low[0], low[1], low[2], high[0],
-               high[1], high[2]);
+        snprintf(size, sizeof(size), "%.4g x %.4g x %.4g", high[0] - low[0], high[1] - low[1],
+                 high[2] - low[2]);
+        printf("%9llu %9llu  %-26s  ", (unsigned long long)part->vertex_count,
+               (unsigned long long)part->triangle_count, size);
+        print_data(part);
     }
+}
+
+static void print_totals(const scene_data *scene, const uint8_t *chosen) {
+    const scene_header *h = &scene->header;
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    unsigned long long parts = 0, vertices = 0, triangles = 0;
+    for (size_t i = 0; i < h->part_count; ++i) {
+        double part_low[3], part_high[3];
+        if (!chosen[i]) {
+            continue;
+        }
+        bounds(scene, &scene->parts[i], part_low, part_high);
+        for (size_t k = 0; k < 3; ++k) {
+            low[k] = fmin(low[k], part_low[k]);
+            high[k] = fmax(high[k], part_high[k]);
+        }
+        ++parts;
+        vertices += scene->parts[i].vertex_count;
+        triangles += scene->parts[i].triangle_count;
+    }
+    printf("format     %s\nnodes      %llu\nparts      %llu\nvertices   %llu\ntriangles  %llu\n",
+           h->format, (unsigned long long)h->node_count, parts, vertices, triangles);
+    if (vertices != 0) {
+        printf("size       %.4g x %.4g x %.4g\nfrom       (%.4g, %.4g, %.4g)\n"
+               "to         (%.4g, %.4g, %.4g)\n",
+               high[0] - low[0], high[1] - low[1], high[2] - low[2], low[0], low[1], low[2],
+               high[0], high[1], high[2]);
+    }
+}
+
+static void print_scene(const scene_data *scene, const uint8_t *chosen) {
+    const scene_header *h = &scene->header;
+    print_totals(scene, chosen);
+    print_parts(scene, chosen);
+    int width = 0;
+    for (size_t i = 0; i < h->material_count; ++i) {
+        const int length = text_width(scene->materials[i].name);
+        width = material_used(scene, chosen, i) && length > width ? length : width;
+    }
+    printf("\nmaterials\n");
     for (size_t i = 0; i < h->material_count; ++i) {
         const pc_material *material = &scene->materials[i];
         const float *c = material->base_color;
-        printf("material   \"%s\", color (%.3g, %.3g, %.3g, %.3g)%s\n", material->name,
-               (double)c[0], (double)c[1], (double)c[2], (double)c[3],
-               material->double_sided ? ", two-sided" : "");
+        if (material_used(scene, chosen, i)) {
+            printf("  ");
+            print_name(material->name, width);
+            printf("color (%.3g, %.3g, %.3g, %.3g)%s\n", (double)c[0], (double)c[1], (double)c[2],
+                   (double)c[3], material->double_sided ? ", two-sided" : "");
+        }
     }
+    width = 0;
     for (size_t i = 0; i < h->animation_count; ++i) {
-        printf("animation  \"%s\", %.3g s, %llu channels\n", scene->animations[i].name,
-               scene->animations[i].seconds, (unsigned long long)scene->animations[i].channels);
+        const int length = text_width(scene->animations[i].name);
+        width = length > width ? length : width;
+    }
+    printf("%s", h->animation_count != 0 ? "\nanimations\n" : "");
+    for (size_t i = 0; i < h->animation_count; ++i) {
+        printf("  ");
+        print_name(scene->animations[i].name, width);
+        printf("%.3g s, %llu channels\n", scene->animations[i].seconds,
+               (unsigned long long)scene->animations[i].channels);
     }
 }
 
@@ -81,8 +193,13 @@ static cJSON *scene_json(const scene_data *scene, const uint8_t *chosen) {
     json_text(root, "kind", "scene");
     json_text(root, "format", h->format);
     json_number(root, "nodes", (double)h->node_count);
-    json_number(root, "vertices", (double)h->vertex_count);
-    json_number(root, "triangles", (double)h->triangle_count);
+    double vertices = 0.0, triangles = 0.0; // of the chosen parts, as in the text
+    for (size_t i = 0; i < h->part_count; ++i) {
+        vertices += chosen[i] ? (double)scene->parts[i].vertex_count : 0.0;
+        triangles += chosen[i] ? (double)scene->parts[i].triangle_count : 0.0;
+    }
+    json_number(root, "vertices", vertices);
+    json_number(root, "triangles", triangles);
     cJSON *array = json_array(root, "parts");
     for (size_t i = 0; i < h->part_count; ++i) {
         const scene_part *part = &scene->parts[i];
@@ -107,6 +224,9 @@ static cJSON *scene_json(const scene_data *scene, const uint8_t *chosen) {
     array = json_array(root, "materials");
     for (size_t i = 0; i < h->material_count; ++i) {
         const pc_material *material = &scene->materials[i];
+        if (!material_used(scene, chosen, i)) {
+            continue;
+        }
         cJSON *object = json_element(array);
         json_text(object, "name", material->name);
         double color[4];
@@ -161,18 +281,23 @@ static void asset_counts(const pc_asset *asset, count_row rows[count_rows]) {
 static void print_asset(const pc_asset *asset) {
     count_row rows[count_rows];
     asset_counts(asset, rows);
-    printf("format     proxycloth asset\nname       %s\nstages     %u of %d\n", asset->name,
+    printf("format     proxycloth asset\nname       %s\nstages     %u of %d", asset->name,
            asset->stage_count, PC_STAGE_COUNT);
+    if (asset->stage_count < PC_STAGE_COUNT) {
+        printf(", next: %s", pc_stage_describe((pc_stage)asset->stage_count)->name);
+    }
+    printf("\n\ncontents\n");
     for (size_t i = 0; i < count_rows; ++i) {
         printf("  %-28s %.0f\n", rows[i].name, rows[i].value);
     }
-    printf("visual\n");
+    printf("\nvisual mesh\n");
     print_record(&pc_visual_report_record, &asset->reports.visual, "  ");
     for (pc_stage stage = 0; stage < (pc_stage)asset->stage_count; ++stage) {
         const pc_stage_info *info = pc_stage_describe(stage);
-        printf("%s options\n", info->name);
+        printf("\n%s: %s\n", info->name, info->summary);
+        printf(" options\n");
         print_record(info->options, (const char *)&asset->options + info->options_offset, "  ");
-        printf("%s report\n", info->name);
+        printf(" report\n");
         print_record(info->report, (const char *)&asset->reports + info->report_offset, "  ");
     }
 }

@@ -40,6 +40,7 @@ static int run(const cli_command *command, const cli_arguments *arguments, pc_co
     cli_warn_report(command->name, info->name, info->report,
                     (const char *)&asset->reports + info->report_offset);
     const char *output = arguments->output != NULL ? arguments->output : input;
+    cli_begin_writing();
     status = pc_asset_save(context, asset, output);
     return status == PC_OK ? CLI_OK : cli_fail_status(command->name, context, status, output, true);
 }

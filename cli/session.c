@@ -21,6 +21,8 @@ static struct {
 } line;
 
 static volatile sig_atomic_t interrupted;
+static volatile sig_atomic_t killable; // nothing but empty folders would stay behind
+static char *const *volatile abandoned;
 
 // Length of the UTF-8 sequence at `text`, 0 where there is none.
 static size_t utf8_length(const unsigned char *text) {
@@ -148,10 +150,30 @@ void cli_warn_report(const char *command, const char *stage, const pc_record *re
     }
 }
 
+// Runs in a signal handler: only what is safe there.
+_Noreturn static void end_at_once(void) {
+    static const char erase[] = "\r\033[K";
+    static const char message[] = "proxycloth: error: interrupted\n";
+    for (char *const *folder = abandoned; folder != NULL && *folder != NULL; ++folder) {
+        (void)rmdir(*folder);
+    }
+    ssize_t written = line.draw ? write(STDERR_FILENO, erase, sizeof(erase) - 1) : 0;
+    written += write(STDERR_FILENO, message, sizeof(message) - 1);
+    (void)written;
+    _exit(CLI_INTERRUPTED);
+}
+
 static void note_signal(int number) {
     (void)number;
+    if (interrupted != 0 && killable != 0) {
+        end_at_once();
+    }
     interrupted = 1;
 }
+
+void cli_begin_writing(void) { killable = 0; }
+
+void cli_abandon(char *const *folders) { abandoned = folders; }
 
 void cli_catch_signals(void) {
     struct sigaction action = {.sa_handler = note_signal};
@@ -212,5 +234,6 @@ int cli_context(const cli_command *command, const cli_arguments *arguments, pc_c
     if (pc_context_create(&options, context) != PC_OK) {
         return cli_fail(command->name, CLI_FAILED, "memory ran out");
     }
+    killable = 1;
     return CLI_OK;
 }

@@ -63,13 +63,16 @@ static void add_record_warnings(pci_json *json, cJSON *warnings, const char *sta
     }
 }
 
-static void add_warnings(pci_json *json, const pc_asset *asset) {
+static void add_warnings(pci_json *json, const pc_asset *asset, const pc_measures *measures) {
     cJSON *warnings = pci_json_array(json, json->root, "warnings");
     add_record_warnings(json, warnings, "visual", &pc_visual_report_record, &asset->reports.visual);
     for (pc_stage stage = 0; (uint32_t)stage < asset->stage_count; ++stage) {
         const pc_stage_info *info = pc_stage_describe(stage);
         add_record_warnings(json, warnings, info->name, info->report,
                             (const char *)&asset->reports + info->report_offset);
+    }
+    if (measures != NULL) {
+        add_record_warnings(json, warnings, "evaluate", &pc_measures_record, measures);
     }
 }
 
@@ -109,7 +112,7 @@ static void build(pci_json *json, const pc_asset *asset, const pc_measures *meas
     pci_json_string(json, json->root, "name", asset->name);
     pci_json_count(json, json->root, "stage_count", asset->stage_count);
     add_stages(json, asset);
-    add_warnings(json, asset);
+    add_warnings(json, asset, measures);
     if (asset->stage_count > PC_STAGE_LABEL) {
         add_label(json, &asset->reports.label);
     }

@@ -1,10 +1,11 @@
 #!/bin/sh
 # Wrong usage and bad input: exit code, one line on stderr, no file left behind.
-# usage: errors.sh PROXYCLOTH FIXTURES
+# usage: errors.sh PROXYCLOTH FIXTURES MAKE_NEWER
 # Passes as root too: folders that cannot be written are made by a file in their way.
 set -u
 program=$1
 fixtures=$2
+make_newer=$3
 work=$(mktemp -d) || exit 1
 trap 'rm -rf "$work"' EXIT
 cd "$work" || exit 1
@@ -139,6 +140,11 @@ head -c 1000 cloth.h5 >short.h5
 expect 3 "short.h5.*cut off" info short.h5
 (cat cloth.h5; printf x) >long.h5
 expect 3 "long.h5" isosurface long.h5
+cp cloth.h5 newer.h5
+"$make_newer" newer.h5 2>stderr || fail "make_newer"
+expect 3 "newer.h5.*use a newer proxycloth" info newer.h5
+expect 3 "newer.h5.*use a newer proxycloth" isosurface newer.h5
+expect 3 "newer.h5.*use a newer proxycloth" export newer.h5 -o out
 
 # Limits of the import child: time, and memory (or the crash that follows).
 awk 'BEGIN {
@@ -150,6 +156,33 @@ expect 6 "large.obj: reading took longer than 0.01 s.*--import-seconds" \
     build large.obj -o out --import-seconds 0.01
 expect 6 "large.obj: (reading needs more than 16 MiB|the importer crashed)" \
     build large.obj -o out --import-memory 16
+
+# A garment with one bad part is accepted, with a counted warning.
+cat >good.obj <<'END'
+v 0 0 0
+v 1 0 0
+v 1 1 0
+v 0 1 0
+v 0.5 0 1
+f 1 2 3
+f 1 3 4
+END
+warns() { # warns LINE FACES: the text appended to good.obj
+    pattern=$1
+    (cat good.obj && printf "$2") >bad.obj
+    "$program" voxelize bad.obj -o bad.h5 --voxels 8 >stdout 2>stderr || fail "exit code: $2"
+    grep -Eq "^proxycloth voxelize: warning: visual: $pattern" stderr || fail "no \"$pattern\""
+}
+warns 'degenerate triangles .*\(1\)' 'f 1 2 5\nf 2 2 3\n'
+warns 'duplicate triangles .*\(2\)' 'f 1 2 5\nf 2 3 1\nf 2 3 1\n'
+warns 'non-manifold edges .*\(1\)' 'f 1 3 5\n'
+
+# The importer drops those of OBJ files.
+printf '%s\n' ply 'format ascii 1.0' 'element vertex 4' 'property float x' 'property float y' \
+    'property float z' 'element face 1' 'property list uchar int vertex_indices' end_header \
+    '0 0 0' '1 0 0' '0 1 0' '5 5 5' '3 0 1 2' >stray.ply
+"$program" voxelize stray.ply -o bad.h5 --voxels 8 >stdout 2>stderr || fail "stray.ply"
+grep -Eq "warning: visual: stray vertices .*\(1\)" stderr || fail "no warning of stray vertices"
 
 # Help and version are answers, not errors.
 answer() {
@@ -166,7 +199,7 @@ answer "130  interrupted" --help
 answer "--voxels NUMBER .*default 32; 4..1024" help build
 answer "--carve, --no-carve" build --help
 answer "usage: proxycloth label" label -h
-answer '"sheet".* 4 vertices, 2 triangles' info cloth.obj
+answer '"sheet" .* 4 +2 +1 x 1 x 0' info cloth.obj
 answer '"triangles":.2' info cloth.obj --json
 answer "^hausdorff +0" evaluate cloth.obj cloth.obj
 answer '"hausdorff":.0' evaluate cloth.obj cloth.obj --json

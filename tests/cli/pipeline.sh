@@ -27,9 +27,9 @@ same() {
     cmp "$1" "$2" >stderr 2>&1 || fail "$1 and $2 differ"
 }
 
-holds() { # holds FOLDER "NAMES": exactly these files, hidden ones included
-    ls -A "$1" 2>stderr | sort >actual
-    printf '%s\n' $2 | sort >expected
+holds() { # holds FOLDER "NAMES": exactly these files, hidden ones included; - is a space
+    ls -A "$1" 2>stderr | tr ' ' - | LC_ALL=C sort >actual
+    printf '%s\n' $2 | LC_ALL=C sort >expected
     cmp -s actual expected || fail "$1 holds $(tr '\n' ' ' <actual)"
 }
 
@@ -110,26 +110,44 @@ run 0 info seeded/outfit.h5
 [ "$(grep -c '^  seed  *7$' stdout)" -eq "$("$program" help build | grep -c -e --seed)" ] ||
     fail "--seed"
 
-# A folder in the way of a result: nothing of the set stays.
-mkdir -p blocked/outfit.json
-run 4 build outfit.obj -o blocked $quick
-holds blocked "outfit.json"
+# A folder in the way of a result: nothing is added, and older results stay as they are.
+mkdir -p blocked
+cp exported/outfit.glb exported/outfit.png exported/outfit.proxy.obj blocked
+mkdir blocked/outfit.json
+run 4 export skinned.h5 -o blocked
+grep -q 'blocked/outfit.json: a folder is in the way' stderr || fail "the folder is not named"
+holds blocked "outfit.glb outfit.json outfit.png outfit.proxy.obj"
+for extension in glb png proxy.obj; do
+    same exported/outfit.$extension blocked/outfit.$extension
+done
 
-# Interrupted: exit code 130, nothing is left.
-for signal in INT TERM; do
-    "$program" build outfit.obj -o stopped --voxels 96 --vertices 2000 --frames 400 \
+# Older results are replaced; the name may hold spaces, dots and letters beyond ASCII.
+cp outfit.obj "my dréss.v2.obj"
+chmod a-w "my dréss.v2.obj"
+short="--voxels 8 --vertices 20 --frames 2 --epochs 1 --no-png"
+run 0 build "my dréss.v2.obj" -o "new folder/x.y/" $short
+run 0 build "./my dréss.v2.obj" -o "new folder/x.y" $short --influences 12
+holds "new folder/x.y" "my-dréss.v2.glb my-dréss.v2.h5 my-dréss.v2.json my-dréss.v2.proxy.obj"
+run 0 info "new folder/x.y/my dréss.v2.h5"
+grep -Eq '^  influences +12$' stdout || fail "--influences 12, or the older result is still there"
+
+# Interrupted: exit code 130, one line, nothing is left; the same after two signals at once.
+for signals in INT TERM "INT TERM"; do
+    "$program" build outfit.obj -o stopped/deep --voxels 96 --vertices 2000 --frames 400 \
         >stdout 2>stderr &
     process=$!
     tries=0
-    until ls -A stopped 2>/dev/null | grep -q proxycloth || [ $((tries += 1)) -gt 600 ]; do
+    until ls -A stopped/deep 2>/dev/null | grep -q proxycloth || [ $((tries += 1)) -gt 600 ]; do
         sleep 0.1
     done
-    kill -$signal $process
+    for signal in $signals; do
+        kill -$signal $process 2>/dev/null
+    done
     wait $process
     actual=$?
-    [ "$actual" -eq 130 ] || fail "exit code $actual after SIG$signal"
-    [ ! -e stopped ] || fail "a folder is left after SIG$signal"
-    [ "$(wc -l <stderr)" -eq 1 ] || fail "not one line after SIG$signal"
+    [ "$actual" -eq 130 ] || fail "exit code $actual after $signals"
+    [ ! -e stopped ] || fail "a folder is left after $signals"
+    [ "$(wc -l <stderr)" -eq 1 ] || fail "not one line after $signals"
 done
 
 [ "$failures" -eq 0 ] || exit 1

@@ -812,6 +812,16 @@ static void report_lists_warnings(void **state) {
     assert_int_equal(number(warning, "count"), 17);
     assert_non_null(strstr(child(warning, "message")->valuestring, "duplicate"));
     cJSON_Delete(json);
+
+    const pc_measures measures = {.self_intersections = 3};
+    assert_ok(context, pc_export_report(context, &asset, &measures, NULL, path));
+    json = read_json(path);
+    assert_int_equal(cJSON_GetArraySize(child(json, "warnings")), 2);
+    warning = child(json, "warnings")->child->next;
+    assert_string_equal(child(warning, "stage")->valuestring, "evaluate");
+    assert_string_equal(child(warning, "field")->valuestring, "self_intersections");
+    assert_int_equal(number(warning, "count"), 3);
+    cJSON_Delete(json);
     pc_asset_free(context, &asset);
     pc_context_destroy(context);
 }

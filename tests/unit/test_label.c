@@ -502,9 +502,13 @@ static void extreme_weights(void **state) {
     pc_context_destroy(context);
 }
 
-static void bad_input(void **state) {
+static void bad_input_is_refused(void **state) {
     (void)state;
     pc_context *context = test_context(1);
+    const pc_graph no_graph = {0};
+    pc_labels no_labels = {0};
+    assert_int_equal(pc_label(context, NULL, NULL, &no_labels, NULL), PC_ERROR_INVALID_ARGUMENT);
+    assert_int_equal(pc_label(context, &no_graph, NULL, NULL, NULL), PC_ERROR_INVALID_ARGUMENT);
     for (int fault = 0; fault < 8; ++fault) {
         small_graph g;
         start_graph(&g, 3);
@@ -755,7 +759,7 @@ int main(void) {
         cmocka_unit_test(trivial_graphs),
         cmocka_unit_test(keeps_the_outer_sheet),
         cmocka_unit_test(extreme_weights),
-        cmocka_unit_test(bad_input),
+        cmocka_unit_test(bad_input_is_refused),
         cmocka_unit_test(garments_reach_proven_optima),
         cmocka_unit_test(small_budgets_stay_valid),
         cmocka_unit_test(same_bytes_for_any_threads),

@@ -6,6 +6,8 @@
 #include "core/manifold.h"
 #include "core/topology.h"
 
+static const char stage[] = "carve";
+
 static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_carve_options, carve, BOOL, 0, 0, 1, "",
                      "Cut the surface along the outline of the visual mesh (section 5.1)"),
@@ -238,7 +240,7 @@ static bool refine_outline(outline *o, double threshold, double shortest) {
     for (bool changed = true; changed;) {
         changed = false;
         for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
-            if (t % 4096 == 0 && !pci_progress(context, "carve", 0.5)) {
+            if (t % 4096 == 0 && !pci_keep_going(context)) {
                 return false;
             }
             const double longest = edge_length(mesh, longest_edge(mesh, t));
@@ -266,7 +268,7 @@ static pc_status carve_outline(pci_scratch *scratch, const pc_mesh *surface, dou
     // threshold everywhere would be refined everywhere.
     const double shortest = fmax(0.5 * threshold, 0.125 * cell_size);
     pci_bvh *visual = NULL;
-    pc_status status = pci_bvh_create(context, "carve", surface, &visual);
+    pc_status status = pci_bvh_create(context, stage, surface, &visual);
     if (status != PC_OK) {
         return status;
     }
@@ -280,9 +282,6 @@ static pc_status carve_outline(pci_scratch *scratch, const pc_mesh *surface, dou
         pci_vertex_normals(mesh, o.normals);
         pci_parallel_for(context, mesh->vertex_count, grain, measure_outline, &o);
         bool done = refine_outline(&o, threshold, shortest);
-        if (!done && !scratch->failed) {
-            status = PC_ERROR_CANCELLED;
-        }
         // New edges end on the isoline and never cross it, so one pass finds all crossings.
         for (uint32_t h = 0; done && h < 3 * o.mesh.triangle_count; ++h) {
             if (pci_is_edge(&o.mesh, h)) {
@@ -314,11 +313,7 @@ static pc_status carve_outline(pci_scratch *scratch, const pc_mesh *surface, dou
         }
     }
     pci_bvh_destroy(context, visual);
-    if (status == PC_OK) {
-        return PC_OK;
-    }
-    return status == PC_ERROR_CANCELLED ? pci_fail_cancelled(context, "carve")
-                                        : pci_fail_memory(context, "carve");
+    return status == PC_OK ? PC_OK : pci_fail_memory(context, stage);
 }
 
 // ---- report -----------------------------------------------------------------------------------
@@ -350,14 +345,14 @@ static pc_status measure(pci_scratch *scratch, const pc_mesh *surface, const pc_
     uint32_t *covered = PCI_SCRATCH(scratch, uint32_t, surface->vertex_count / grain + 1);
     if (scratch->failed || !pci_topology_build(scratch, mesh, &topology) ||
         !pci_boundary_loops(scratch, mesh, &topology, &loop_count, &offsets, &loops)) {
-        return pci_fail_memory(context, "carve");
+        return pci_fail_memory(context, stage);
     }
     report->vertices = mesh->vertex_count;
     report->triangles = mesh->triangle_count;
     report->boundary_loops = loop_count;
     report->components = pci_triangle_components(scratch, mesh, &topology, component);
     pci_bvh *layer = NULL;
-    const pc_status status = pci_bvh_create(context, "carve", mesh, &layer);
+    const pc_status status = pci_bvh_create(context, stage, mesh, &layer);
     if (status != PC_OK) {
         return status;
     }
@@ -369,7 +364,7 @@ static pc_status measure(pci_scratch *scratch, const pc_mesh *surface, const pc_
     }
     report->coverage = (double)sum / (double)surface->vertex_count;
     pci_bvh_destroy(context, layer);
-    return scratch->failed ? pci_fail_memory(context, "carve") : PC_OK;
+    return scratch->failed ? pci_fail_memory(context, stage) : PC_OK;
 }
 
 // ---- entry ------------------------------------------------------------------------------------
@@ -377,36 +372,32 @@ static pc_status measure(pci_scratch *scratch, const pc_mesh *surface, const pc_
 static pc_status check_arguments(pc_context *context, const pc_mesh *surface,
                                  const pc_mesh *projected, const pc_labels *labels,
                                  double cell_size, const pc_mesh *single_layer) {
-    if (surface == NULL || projected == NULL || labels == NULL || single_layer == NULL ||
-        surface->vertex_count == 0 || surface->triangle_count == 0) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, "carve",
-                        "carve: a mesh or the labels are missing");
+    pc_status status = pci_check_mesh(context, stage, surface, "visual mesh");
+    if (status == PC_OK) {
+        status = pci_check_mesh(context, stage, projected, "projected mesh");
     }
-    if (single_layer->positions != NULL || single_layer->triangles != NULL) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, "carve",
-                        "carve: the output is not empty");
+    if (status != PC_OK) {
+        return status;
+    }
+    if (labels == NULL || single_layer == NULL || single_layer->positions != NULL ||
+        single_layer->triangles != NULL) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                        "carve: the labels are missing or the output is not empty");
     }
     if (labels->vertex_count != projected->vertex_count) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, "carve",
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
                         "carve: %zu labels for %zu vertices", labels->vertex_count,
                         projected->vertex_count);
     }
     if (!(cell_size > 0.0 && isfinite(cell_size))) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, "carve",
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
                         "carve: cell_size = %g, it must be positive", cell_size);
-    }
-    for (size_t c = 0; c < 3 * projected->triangle_count; ++c) {
-        if (projected->triangles[c] >= projected->vertex_count) {
-            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, "carve",
-                            "carve: triangle %zu has vertex %u of %zu", c / 3,
-                            projected->triangles[c], projected->vertex_count);
-        }
     }
     return PC_OK;
 }
 
 static pc_status no_proxy(pc_context *context, const char *reason) {
-    return pci_fail(context, PC_ERROR_NO_PROXY, "carve", "carve: no triangle is left, %s", reason);
+    return pci_fail(context, PC_ERROR_NO_PROXY, stage, "carve: no triangle is left, %s", reason);
 }
 
 static pc_status extract(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *projected,
@@ -415,7 +406,7 @@ static pc_status extract(pci_scratch *scratch, const pc_mesh *surface, const pc_
     pc_context *context = scratch->context;
     uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, projected->triangle_count);
     if (keep == NULL) {
-        return pci_fail_memory(context, "carve");
+        return pci_fail_memory(context, stage);
     }
     for (size_t t = 0; t < projected->triangle_count; ++t) {
         const uint32_t *corner = &projected->triangles[3 * t];
@@ -425,16 +416,16 @@ static pc_status extract(pci_scratch *scratch, const pc_mesh *surface, const pc_
     pci_repair_counts counts;
     if (!pci_mesh_repair(scratch, projected, keep, layer, &counts) ||
         !pci_drop_small_parts(scratch, layer, options->smallest_part, &report->dropped_parts)) {
-        return pci_fail_memory(context, "carve");
+        return pci_fail_memory(context, stage);
     }
     if (layer->triangle_count == 0) {
         return no_proxy(context, "the labels keep none");
     }
-    if (!pci_progress(context, "carve", 0.3)) {
-        return pci_fail_cancelled(context, "carve");
+    if (!pci_progress(context, stage, 0.3)) {
+        return pci_fail_cancelled(context, stage);
     }
     if (!fill_loops(scratch, layer, options->fill_loops, &report->filled_loops)) {
-        return pci_fail_memory(context, "carve");
+        return pci_fail_memory(context, stage);
     }
     if (options->carve) {
         const pc_status status =
@@ -445,15 +436,15 @@ static pc_status extract(pci_scratch *scratch, const pc_mesh *surface, const pc_
         }
         uint64_t dropped = 0;
         if (!pci_drop_small_parts(scratch, layer, options->smallest_part, &dropped)) {
-            return pci_fail_memory(context, "carve");
+            return pci_fail_memory(context, stage);
         }
         report->dropped_parts += dropped;
         if (layer->triangle_count == 0) {
             return no_proxy(context, "carve_distance is too small");
         }
     }
-    if (!pci_progress(context, "carve", 0.8)) {
-        return pci_fail_cancelled(context, "carve");
+    if (!pci_progress(context, stage, 0.8)) {
+        return pci_fail_cancelled(context, stage);
     }
     return measure(scratch, surface, layer, cell_size, report);
 }
@@ -466,10 +457,8 @@ pc_status pc_carve(pc_context *context, const pc_mesh *surface, const pc_mesh *p
     if (status != PC_OK) {
         return status;
     }
-    pc_carve_options defaults;
-    pc_record_set_defaults(&pc_carve_options_record, &defaults);
-    options = options != NULL ? options : &defaults;
-    status = pc_record_check(context, "carve", &pc_carve_options_record, options);
+    pc_carve_options chosen;
+    status = pci_begin_stage(context, stage, &pc_carve_options_record, options, &chosen);
     if (status != PC_OK) {
         return status;
     }
@@ -477,7 +466,7 @@ pc_status pc_carve(pc_context *context, const pc_mesh *surface, const pc_mesh *p
     pc_carve_report counts = {0};
     pc_mesh layer = {0};
     status =
-        extract(&scratch, surface, projected, labels->labels, cell_size, options, &layer, &counts);
+        extract(&scratch, surface, projected, labels->labels, cell_size, &chosen, &layer, &counts);
     pci_scratch_end(&scratch);
     if (status != PC_OK) {
         pc_mesh_free(context, &layer);

@@ -45,9 +45,10 @@ static const pc_field measure_fields[] = {
     NUMBER(edge_ratio_mean, "", "Shortest over longest edge, mean"),
     NUMBER(edge_ratio_sd, "", "Shortest over longest edge, standard deviation"),
     NUMBER(edge_ratio_worst, "", "Shortest over longest edge, worst triangle"),
-    NUMBER(aspect_ratio_mean, "", "2/sqrt(3) smallest height over longest edge, mean"),
-    NUMBER(aspect_ratio_sd, "", "2/sqrt(3) smallest height over longest edge, standard deviation"),
-    NUMBER(aspect_ratio_worst, "", "2/sqrt(3) smallest height over longest edge, worst triangle"),
+    NUMBER(aspect_ratio_mean, "",
+           "Smallest height over longest edge (.866 when equilateral), mean"),
+    NUMBER(aspect_ratio_sd, "", "Smallest height over longest edge, standard deviation"),
+    NUMBER(aspect_ratio_worst, "", "Smallest height over longest edge, worst triangle"),
     NUMBER(radius_ratio_mean, "", "2 inradius over circumradius, mean"),
     NUMBER(radius_ratio_sd, "", "2 inradius over circumradius, standard deviation"),
     NUMBER(radius_ratio_worst, "", "2 inradius over circumradius, worst triangle"),
@@ -371,7 +372,7 @@ static void triangle_qualities(const pc_mesh *mesh, size_t triangle, double valu
     const double half_perimeter = 0.5 * (edge[0] + edge[1] + edge[2]);
     value[MIN_ANGLE] = angle * (180.0 / acos(-1.0));
     value[EDGE_RATIO] = shortest / longest;
-    value[ASPECT_RATIO] = 2.0 / sqrt(3.0) * (2.0 * area / longest) / longest;
+    value[ASPECT_RATIO] = 2.0 * area / longest / longest;
     value[RADIUS_RATIO] = 8.0 * area * area / (half_perimeter * edge[0] * edge[1] * edge[2]);
 }
 

@@ -45,7 +45,7 @@ typedef struct pc_measures {
     double hausdorff_unit_cube; ///< two-sided, visual mesh scaled into [-1, 1]^3
     double min_angle_mean, min_angle_sd, min_angle_worst;          ///< degrees
     double edge_ratio_mean, edge_ratio_sd, edge_ratio_worst;       ///< shortest / longest edge
-    double aspect_ratio_mean, aspect_ratio_sd, aspect_ratio_worst; ///< 2/sqrt(3) h_min / l_max
+    double aspect_ratio_mean, aspect_ratio_sd, aspect_ratio_worst; ///< h_min / l_max
     double radius_ratio_mean, radius_ratio_sd, radius_ratio_worst; ///< 2 r_in / r_circum
 } pc_measures;
 

@@ -1,11 +1,11 @@
 #!/bin/sh
 # Wrong usage and bad input: exit code, one line on stderr, no file left behind.
-# usage: errors.sh PROXYCLOTH FIXTURES MAKE_NEWER
+# usage: errors.sh PROXYCLOTH FIXTURES ALTER_ASSET
 # Passes as root too: folders that cannot be written are made by a file in their way.
 set -u
 program=$1
 fixtures=$2
-make_newer=$3
+alter_asset=$3
 work=$(mktemp -d) || exit 1
 trap 'rm -rf "$work"' EXIT
 cd "$work" || exit 1
@@ -138,10 +138,18 @@ expect 3 "short.h5.*cut off" info short.h5
 (cat cloth.h5; printf x) >long.h5
 expect 3 "long.h5" isosurface long.h5
 cp cloth.h5 newer.h5
-"$make_newer" newer.h5 2>stderr || fail "make_newer"
+"$alter_asset" newer newer.h5 2>stderr || fail "alter_asset newer"
 expect 3 "newer.h5.*use a newer proxycloth" info newer.h5
 expect 3 "newer.h5.*use a newer proxycloth" isosurface newer.h5
 expect 3 "newer.h5.*use a newer proxycloth" export newer.h5 -o out
+
+# Exit code 1: a garment that leads to no proxy mesh; the asset stays as it was.
+for stage in isosurface project graph label; do
+    "$program" "$stage" cloth.h5 2>stderr || fail "$stage"
+done
+cp cloth.h5 unlabelled.h5
+"$alter_asset" unlabelled unlabelled.h5 2>stderr || fail "alter_asset unlabelled"
+expect 1 "unlabelled.h5.*no triangle is left" carve unlabelled.h5
 
 # Limits of the import child: time, and memory (or the crash that follows).
 awk 'BEGIN {

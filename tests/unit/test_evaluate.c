@@ -476,7 +476,7 @@ static void measures_triangle_shapes(void **state) {
     assert_close(m.min_angle_worst, 60.0, 1e-12);
     assert_close(m.min_angle_sd, 0.0, 1e-12);
     assert_close(m.edge_ratio_mean, 1.0, 1e-14);
-    assert_close(m.aspect_ratio_mean, 1.0, 1e-14);
+    assert_close(m.aspect_ratio_mean, sqrt(0.75), 1e-14);
     assert_close(m.radius_ratio_mean, 1.0, 1e-14);
     // Right triangles with legs 3, 4 and 1, 1.
     double right[] = {0, 0, 0, 3, 0, 0, 0, 4, 0, 9, 0, 0, 10, 0, 0, 9, 1, 0};
@@ -485,7 +485,7 @@ static void measures_triangle_shapes(void **state) {
     m = evaluate(context, &pair, &pair);
     const double degrees = 180.0 / acos(-1.0);
     const double angle[2] = {atan(0.75) * degrees, 45.0}, edge[2] = {0.6, sqrt(0.5)};
-    const double aspect[2] = {2.0 / sqrt(3.0) * 2.4 / 5.0, 2.0 / sqrt(3.0) * 0.5};
+    const double aspect[2] = {2.4 / 5.0, 0.5};
     const double radius[2] = {2.0 * 1.0 / 2.5, 2.0 * (1.0 - sqrt(0.5)) / sqrt(0.5)};
     assert_close(m.min_angle_mean, 0.5 * (angle[0] + angle[1]), 1e-12);
     assert_close(m.min_angle_sd, 0.5 * fabs(angle[0] - angle[1]), 1e-12);

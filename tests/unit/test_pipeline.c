@@ -137,6 +137,39 @@ static void rerunning_a_stage_drops_later_results(void **state) {
     pc_context_destroy(context);
 }
 
+// Loose triangles all over a box, carved as finely as the options allow: the layer has triangles
+// squeezed into lines, whose refinement must come to an end.
+static void dust_is_carved_in_bounded_time(void **state) {
+    (void)state;
+    enum { DUST = 200 };
+    static double positions[9 * DUST];
+    static uint32_t triangles[3 * DUST];
+    for (uint32_t i = 0; i < 9 * DUST; ++i) {
+        const double center = pci_random(7, 0, i / 9 * 3 + i % 3);
+        positions[i] = center + 0.05 * pci_random(7, 1, i);
+        triangles[i / 3] = i / 3;
+    }
+    pc_context *context = test_context(0);
+    pc_asset asset = {0};
+    const pc_visual_arrays arrays = {.vertex_count = 3 * (size_t)DUST,
+                                     .positions = positions,
+                                     .triangle_count = DUST,
+                                     .triangles = triangles};
+    assert_ok(context, pc_visual_create(context, &arrays, &asset.visual, &asset.reports.visual));
+    pc_options options = quick_options();
+    options.voxelize.voxels = 8;
+    options.carve.carve = true;
+    options.carve.carve_distance =
+        pc_record_find(&pc_carve_options_record, "carve_distance")->minimum;
+    for (pc_stage stage = 0; stage <= PC_STAGE_CARVE; ++stage) {
+        assert_ok(context, pc_run_stage(context, stage, &options, &asset, NULL));
+    }
+    assert_true(asset.reports.carve.carved_triangles > 0);
+    assert_true(asset.single_layer.triangle_count < 1000000);
+    pc_asset_free(context, &asset);
+    pc_context_destroy(context);
+}
+
 static bool cancel_at_label(void *user, const char *stage, double fraction) {
     (void)user;
     (void)fraction;
@@ -177,6 +210,7 @@ int main(void) {
         cmocka_unit_test(a_sheet_becomes_one_open_proxy),
         cmocka_unit_test(results_do_not_depend_on_threads),
         cmocka_unit_test(rerunning_a_stage_drops_later_results),
+        cmocka_unit_test(dust_is_carved_in_bounded_time),
         cmocka_unit_test(an_error_keeps_the_stages_before_it),
         cmocka_unit_test(progress_can_cancel),
     };

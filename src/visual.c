@@ -93,11 +93,6 @@ static int compare_keys(const void *left, const void *right) {
     return (a->vertex > b->vertex) - (a->vertex < b->vertex);
 }
 
-static int compare_u64(const void *left, const void *right) {
-    const uint64_t a = *(const uint64_t *)left, b = *(const uint64_t *)right;
-    return (a > b) - (a < b);
-}
-
 // Maps each input vertex to its corner and to its position, PC_INVALID_INDEX where no triangle uses
 // it. Both are numbered by first appearance in the input.
 typedef struct weld {
@@ -385,7 +380,7 @@ static bool count_edge_defects(pci_scratch *scratch, const pc_mesh *mesh, const 
             keys[count++] = a < b ? a << 32 | b << 1 : b << 32 | a << 1 | 1;
         }
     }
-    qsort(keys, count, sizeof(*keys), compare_u64);
+    qsort(keys, count, sizeof(*keys), pci_compare_u64);
     for (size_t i = 0, end = 0; i < count; i = end) {
         while (end < count && keys[end] >> 1 == keys[i] >> 1) {
             ++end;

@@ -85,6 +85,14 @@ uint64_t pci_random_bits(uint64_t seed, uint64_t stream, uint64_t counter);
 // Uniform in [0, 1).
 double pci_random(uint64_t seed, uint64_t stream, uint64_t counter);
 
+// ---- sorting ------------------------------------------------------------------------------------
+
+// For qsort over uint64_t, ascending.
+static inline int pci_compare_u64(const void *left, const void *right) {
+    const uint64_t a = *(const uint64_t *)left, b = *(const uint64_t *)right;
+    return (a > b) - (a < b);
+}
+
 // ---- vectors ------------------------------------------------------------------------------------
 
 static inline double pci_dot(const double a[3], const double b[3]) {

@@ -271,11 +271,6 @@ static void find_opposites(void *user, size_t begin, size_t end, uint32_t worker
     }
 }
 
-static int compare_u64(const void *a, const void *b) {
-    const uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
-    return (x > y) - (x < y);
-}
-
 // Turns what each vertex found into sorted pairs without duplicates; returns their number.
 static size_t collect_pairs(const work *w, uint64_t *pairs) {
     size_t count = 0, kept = 0;
@@ -285,7 +280,7 @@ static size_t collect_pairs(const work *w, uint64_t *pairs) {
             pairs[count++] = v < other ? v << 32 | other : other << 32 | v;
         }
     }
-    qsort(pairs, count, sizeof(*pairs), compare_u64);
+    qsort(pairs, count, sizeof(*pairs), pci_compare_u64);
     for (size_t i = 0; i < count; ++i) {
         if (i == 0 || pairs[i] != pairs[i - 1]) {
             pairs[kept++] = pairs[i];

@@ -19,6 +19,21 @@ static inline pc_context *test_context(uint32_t threads) {
     return context;
 }
 
+static inline bool test_refuse_progress(void *user, const char *stage, double fraction) {
+    (void)user;
+    (void)stage;
+    (void)fraction;
+    return false;
+}
+
+// A context of one thread whose user cancels at the first report of progress.
+static inline pc_context *test_cancelling_context(void) {
+    pc_context *context = NULL;
+    const pc_context_options options = {.threads = 1, .progress = test_refuse_progress};
+    assert_int_equal(pc_context_create(&options, &context), PC_OK);
+    return context;
+}
+
 // Fails the test with the context's message unless the call succeeded.
 #define assert_ok(context, call)                                                                   \
     do {                                                                                           \

@@ -10,6 +10,7 @@
 
 #include "support/asset_fixture.h"
 #include "support/files.h"
+#include "support/lack_of_memory.h"
 #include "support/memory.h"
 
 static char folder[64], path[64], other_path[64];
@@ -680,26 +681,7 @@ static void loading_survives_lack_of_memory(void **state) {
 
 static void saving_survives_lack_of_memory(void **state) {
     (void)state;
-    counting_allocator counter = {0};
-    pc_context *context = counting_context(&counter);
-    pc_asset asset;
-    fixture_asset(context, 4, &asset);
-    const size_t live = counter.live;
-    pc_status status = PC_ERROR_OUT_OF_MEMORY;
-    size_t fail_at = 0;
-    unlink(path);
-    while (status != PC_OK) {
-        assert_int_not_equal(access(path, F_OK), 0);
-        counter.calls = 0;
-        counter.fail_at = ++fail_at;
-        status = pc_asset_save(context, &asset, path);
-        assert_true(status == PC_OK || status == PC_ERROR_OUT_OF_MEMORY);
-        assert_int_equal(counter.live, live);
-    }
-    assert_true(fail_at > 1);
-    counter.fail_at = 0;
-    pc_asset_free(context, &asset);
-    pc_context_destroy(context);
+    check_writing_without_memory(pc_asset_save, path, 1);
 }
 
 static int make_folder(void **state) {

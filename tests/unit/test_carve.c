@@ -322,18 +322,9 @@ static void is_deterministic(void **state) {
     pc_context_destroy(owner);
 }
 
-static bool cancel(void *user, const char *stage, double fraction) {
-    (void)user;
-    (void)stage;
-    (void)fraction;
-    return false;
-}
-
 static void can_be_cancelled(void **state) {
     (void)state;
-    const pc_context_options cancelling = {.threads = 1, .progress = cancel};
-    pc_context *context = NULL;
-    assert_int_equal(pc_context_create(&cancelling, &context), PC_OK);
+    pc_context *context = test_cancelling_context();
     pc_mesh sheet = test_sheet(context, 4, 4, 1.0, 1.0), result = {0};
     pc_labels labels = make_labels(context, sheet.vertex_count, 1);
     assert_int_equal(pc_carve(context, &sheet, &sheet, &labels, 1.0, NULL, &result, NULL),

@@ -474,13 +474,6 @@ static void writes_equal_bytes_at_any_thread_count(void **state) {
 
 // ---- contract ---------------------------------------------------------------------------------
 
-static bool never_go_on(void *user, const char *name, double fraction) {
-    (void)user;
-    (void)name;
-    (void)fraction;
-    return false;
-}
-
 static void refuses_what_it_cannot_do(void **state) {
     (void)state;
     pc_context *context = test_context(1);
@@ -513,8 +506,7 @@ static void refuses_what_it_cannot_do(void **state) {
     pc_asset_free(context, &asset);
     pc_context_destroy(context);
 
-    const pc_context_options cancel = {.threads = 1, .progress = never_go_on};
-    assert_int_equal(pc_context_create(&cancel, &context), PC_OK);
+    context = test_cancelling_context();
     fixture_asset(context, 4, &asset);
     assert_int_equal(pc_export_contact_sheet(context, &asset, &quick, sheet_path),
                      PC_ERROR_CANCELLED);

@@ -5,7 +5,7 @@
 #include "io/json.h"
 #include "support/asset_fixture.h"
 #include "support/files.h"
-#include "support/memory.h"
+#include "support/lack_of_memory.h"
 #include "support/obj.h"
 
 static char folder[64], path[64], other_path[64];
@@ -609,29 +609,9 @@ static void glb_refuses_what_it_cannot_hold(void **state) {
     pc_context_destroy(context);
 }
 
-// Every allocation fails once: no file, no leak.
 static void glb_survives_lack_of_memory(void **state) {
     (void)state;
-    counting_allocator counter = {0};
-    pc_context *context = counting_context(&counter);
-    pc_asset asset;
-    fixture_asset(context, 4, &asset);
-    const size_t live = counter.live;
-    pc_status status = PC_ERROR_OUT_OF_MEMORY;
-    size_t fail_at = 0;
-    unlink(path);
-    while (status != PC_OK) {
-        assert_int_not_equal(access(path, F_OK), 0);
-        counter.calls = 0;
-        counter.fail_at = ++fail_at;
-        status = pc_export_glb(context, &asset, path);
-        assert_true(status == PC_OK || status == PC_ERROR_OUT_OF_MEMORY);
-        assert_int_equal(counter.live, live);
-    }
-    assert_true(fail_at > 10);
-    counter.fail_at = 0;
-    pc_asset_free(context, &asset);
-    pc_context_destroy(context);
+    check_writing_without_memory(pc_export_glb, path, 10);
 }
 
 // ---- OBJ --------------------------------------------------------------------------------------

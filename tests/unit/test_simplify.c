@@ -354,18 +354,9 @@ static void survives_lack_of_memory(void **state) {
     assert_int_equal(counter.live, 0);
 }
 
-static bool cancel(void *user, const char *stage, double fraction) {
-    (void)user;
-    (void)stage;
-    (void)fraction;
-    return false;
-}
-
 static void can_be_cancelled(void **state) {
     (void)state;
-    const pc_context_options cancelling = {.threads = 1, .progress = cancel};
-    pc_context *context = NULL;
-    assert_int_equal(pc_context_create(&cancelling, &context), PC_OK);
+    pc_context *context = test_cancelling_context();
     pc_mesh sheet = test_sheet(context, 4, 4, 1.0, 1.0), result = {0};
     assert_int_equal(pc_simplify(context, &sheet, NULL, &result, NULL), PC_ERROR_CANCELLED);
     assert_null(result.positions);

@@ -35,6 +35,7 @@ typedef struct pc_carve_report {
     uint64_t boundary_loops;
     uint64_t dropped_parts;
     uint64_t filled_loops;
+    uint64_t carved_regions;
     uint64_t carved_triangles;
     double coverage; ///< share of the visual mesh's vertices within 2 voxels of the layer
 } pc_carve_report;

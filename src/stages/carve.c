@@ -3,6 +3,7 @@
 #include "core/bvh.h"
 #include "core/core.h"
 #include "core/manifold.h"
+#include "core/rim.h"
 #include "core/topology.h"
 #include "stages/outline.h"
 
@@ -38,6 +39,9 @@ const pc_record pc_carve_report_record = PCI_RECORD(report_fields, pc_carve_repo
 
 // What the visual mesh covers is within this many voxels of the layer.
 static const double covered_voxels = 2.0;
+// Radius of the ball that tells rims from surfaces, in voxels: narrower than openings of note.
+static const double rim_radius = 0.5;
+static const double rim_spacing = 0.25; // in voxels
 // Pieces of parallel loops.
 enum { grain = 256 };
 
@@ -255,11 +259,24 @@ static pc_status extract(pci_scratch *scratch, const pc_mesh *projected, const u
                : pci_fail_memory(context, stage);
 }
 
-static pc_status cut(pci_scratch *scratch, const pc_mesh *surface, const pci_bvh *visual,
+static pc_status find_rims(pci_scratch *scratch, const pc_mesh *surface, const pci_bvh *visual,
+                           double cell_size, pci_knn *rims) {
+    size_t count = 0;
+    double *points = NULL;
+    const pc_status status = pci_rim_points(scratch, stage, visual, surface, rim_radius * cell_size,
+                                            rim_spacing * cell_size, &count, &points);
+    if (status != PC_OK) {
+        return status;
+    }
+    return pci_knn_build(scratch, count, points, rims) ? PC_OK
+                                                       : pci_fail_memory(scratch->context, stage);
+}
+
+static pc_status cut(pci_scratch *scratch, const pci_bvh *visual, const pci_knn *rims,
                      double cell_size, const pc_carve_options *options, pc_mesh *layer,
                      pc_carve_report *report) {
     const pc_status status = pci_cut_outline(
-        scratch, stage, visual, surface, options->carve ? PCI_OUTLINE_ALL : PCI_OUTLINE_MEMBRANES,
+        scratch, stage, visual, rims, options->carve ? PCI_OUTLINE_ALL : PCI_OUTLINE_MEMBRANES,
         options->carve_distance * cell_size, cell_size, layer, &report->carved_regions,
         &report->carved_triangles);
     if (status != PC_OK) {
@@ -293,13 +310,17 @@ pc_status pc_carve(pc_context *context, const pc_mesh *surface, const pc_mesh *p
     pci_scratch scratch = pci_scratch_begin(context);
     pc_carve_report counts = {0};
     pc_mesh layer = {0};
+    pci_knn rims = {0};
     pci_bvh *visual = NULL;
     status = pci_bvh_create(context, stage, surface, &visual);
     if (status == PC_OK) {
         status = extract(&scratch, projected, labels->labels, &chosen, &layer, &counts);
     }
     if (status == PC_OK) {
-        status = cut(&scratch, surface, visual, cell_size, &chosen, &layer, &counts);
+        status = find_rims(&scratch, surface, visual, cell_size, &rims);
+    }
+    if (status == PC_OK) {
+        status = cut(&scratch, visual, &rims, cell_size, &chosen, &layer, &counts);
     }
     if (status == PC_OK) {
         status = measure(&scratch, surface, &layer, cell_size, &counts);

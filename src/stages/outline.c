@@ -3,19 +3,21 @@
 #include "core/core.h"
 #include "core/halfedge.h"
 #include "core/manifold.h"
-#include "core/rim.h"
 #include "core/topology.h"
 #include "core/union_find.h"
 
 // Pieces of parallel loops.
-enum { grain = 256, rim_grain = 16 };
+enum { grain = 256 };
 
-// Radius of the ball that tells rims from surfaces, in voxels: narrower than any opening of note.
-static const double rim_radius = 0.5;
+// A membrane hangs from its rim, but sags: the rim may be so much farther than the nearest point of
+// the visual mesh, in voxels.
+static const double sag = 1.0;
 // A region counts only where it reaches this many times the threshold; less is roughness.
 static const double least_reach = 1.5;
-// Share of a region's area whose nearest point of the visual mesh lies on a rim.
-static const double membrane_share = 0.5;
+// A membrane is framed by rims in so many of the sectors around its centre; a web between a sleeve
+// and the body may have the cuff on one side.
+enum { sectors = 12, least_framed = 9 };
+static const double pi = 3.14159265358979323846;
 
 typedef struct outline {
     const pci_bvh *visual;
@@ -134,7 +136,6 @@ static bool refine_outline(outline *o, double threshold, double shortest) {
     return true;
 }
 
-
 // Splits the edges that cross the isoline there. New edges end on the isoline and never cross it,
 // so one pass finds all crossings.
 static bool split_isoline(outline *o, double threshold) {
@@ -154,33 +155,14 @@ static bool split_isoline(outline *o, double threshold) {
     return true;
 }
 
-// ---- regions beside the visual mesh ---------------------------------------------------------------
+// ---- regions beside the visual mesh
+// ---------------------------------------------------------------
 
 typedef struct region {
-    double area, rim_area; // rim: the nearest point of the visual mesh lies on a rim
-    double reach;          // largest distance
-    bool open;             // touches the border of the layer
+    double area, centre[3], normal[3];
+    double reach;     // largest distance
+    uint32_t sectors; // bit i: in this direction from the centre the region ends at a rim
 } region;
-
-typedef struct rim_job {
-    const outline *o;
-    const pc_mesh *surface;
-    double radius;
-    const uint32_t *vertices;
-    uint8_t *on_rim; // #V
-} rim_job;
-
-static void test_rims(void *user, size_t begin, size_t end, uint32_t worker) {
-    (void)worker;
-    const rim_job *job = user;
-    for (size_t i = begin; i < end; ++i) {
-        const size_t v = job->vertices[i];
-        const pci_closest closest =
-            pci_bvh_closest(job->o->visual, &job->o->mesh.positions[3 * v], INFINITY);
-        job->on_rim[v] = pci_one_sided(job->o->visual, job->surface, closest.point, job->radius) >
-                         PCI_RIM_ONE_SIDED;
-    }
-}
 
 // Joins the triangles that lie beside the visual mesh to regions: `roots` holds the first triangle
 // of each, PC_INVALID_INDEX for triangles that stay anyway.
@@ -206,64 +188,97 @@ static bool join_regions(const outline *o, double threshold, uint32_t *roots) {
     return true;
 }
 
-static bool measure_regions(const outline *o, const pc_mesh *surface, double radius,
-                            const uint32_t *roots, region *regions) {
+static void measure_extent(const outline *o, const uint32_t *roots, region *regions) {
     const pci_halfedge *mesh = &o->mesh;
-    pci_scratch *scratch = mesh->scratch;
-    uint8_t *on_rim = PCI_SCRATCH(scratch, uint8_t, mesh->vertex_count);
-    uint8_t *wanted = PCI_SCRATCH(scratch, uint8_t, mesh->vertex_count);
-    uint32_t *vertices = PCI_SCRATCH(scratch, uint32_t, mesh->vertex_count);
-    if (scratch->failed) {
-        return false;
-    }
-    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
-        wanted[mesh->corners[i]] |= roots[i / 3] != PC_INVALID_INDEX;
-    }
-    rim_job job = {o, surface, radius, vertices, on_rim};
-    size_t count = 0;
-    for (uint32_t v = 0; v < mesh->vertex_count; ++v) {
-        if (wanted[v]) {
-            vertices[count++] = v;
-        }
-    }
-    if (!pci_parallel_while_wanted(scratch->context, count, rim_grain, test_rims, &job)) {
-        return false;
-    }
-    const pc_mesh triangles = {mesh->vertex_count, mesh->positions, mesh->triangle_count,
-                               mesh->corners};
-    for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
-        if (roots[h / 3] == PC_INVALID_INDEX) {
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        if (roots[t] == PC_INVALID_INDEX) {
             continue;
         }
-        region *r = &regions[roots[h / 3]];
-        const double third = pci_triangle_area(&triangles, h / 3) / 3.0;
-        r->area += third;
-        r->rim_area += on_rim[mesh->corners[h]] ? third : 0.0;
-        r->reach = fmax(r->reach, o->distances[mesh->corners[h]]);
-        r->open = r->open || mesh->twins[h] == PC_INVALID_INDEX;
+        region *r = &regions[roots[t]];
+        const double *corners[3];
+        double u[3], v[3], normal[3];
+        for (size_t c = 0; c < 3; ++c) {
+            corners[c] = &mesh->positions[3 * (size_t)mesh->corners[3 * t + c]];
+            r->reach = fmax(r->reach, o->distances[mesh->corners[3 * t + c]]);
+        }
+        pci_sub(corners[1], corners[0], u);
+        pci_sub(corners[2], corners[0], v);
+        pci_cross(u, v, normal);
+        const double area = 0.5 * pci_norm(normal);
+        r->area += area;
+        for (size_t k = 0; k < 3; ++k) {
+            r->centre[k] += area * (corners[0][k] + corners[1][k] + corners[2][k]) / 3.0;
+            r->normal[k] += normal[k];
+        }
     }
-    return true;
+    for (size_t i = 0; i < mesh->triangle_count; ++i) {
+        for (size_t k = 0; k < 3 && regions[i].area > 0.0; ++k) {
+            regions[i].centre[k] /= regions[i].area;
+        }
+    }
+}
+
+// Marks the sector of the region's plane in which a point lies.
+static void mark_sector(region *r, const double point[3]) {
+    double n[3] = {r->normal[0], r->normal[1], r->normal[2]}, x[3] = {0.0, 0.0, 0.0}, y[3], away[3];
+    if (!pci_normalize(n)) {
+        return;
+    }
+    const size_t axis = fabs(n[0]) <= fabs(n[1]) ? (fabs(n[0]) <= fabs(n[2]) ? 0 : 2)
+                                                 : (fabs(n[1]) <= fabs(n[2]) ? 1 : 2);
+    x[axis] = 1.0;
+    pci_cross(n, x, y);
+    pci_cross(y, n, x);
+    pci_sub(point, r->centre, away);
+    const double turn = 0.5 + atan2(pci_dot(away, y), pci_dot(away, x)) / (2.0 * pi);
+    r->sectors |= UINT32_C(1) << ((uint32_t)(turn * sectors) % sectors);
+}
+
+// A region ends at the rim of an opening where a rim is near, or where the layer ends already.
+static void measure_frame(const outline *o, const pci_knn *rims, double slack,
+                          const uint32_t *roots, region *regions) {
+    const pci_halfedge *mesh = &o->mesh;
+    for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
+        const uint32_t root = roots[h / 3], twin = mesh->twins[h];
+        if (root == PC_INVALID_INDEX || (twin != PC_INVALID_INDEX && roots[twin / 3] == root)) {
+            continue;
+        }
+        const double *point = &mesh->positions[3 * (size_t)pci_origin(mesh, h)];
+        uint32_t rim;
+        double square;
+        if (twin == PC_INVALID_INDEX) {
+            mark_sector(&regions[root], point);
+        }
+        if (pci_knn_query(rims, point, 1, PC_INVALID_INDEX, &rim, &square) == 1 &&
+            sqrt(square) <= pci_bvh_closest(o->visual, point, INFINITY).distance + slack) {
+            mark_sector(&regions[root], &rims->points[3 * (size_t)rim]);
+        }
+    }
 }
 
 static bool removes(const region *r, pci_outline_mode mode, double threshold) {
-    const bool membrane = r->rim_area > membrane_share * r->area;
-    return r->area > 0.0 && (mode == PCI_OUTLINE_ALL || membrane) &&
-           (r->reach > least_reach * threshold || (r->open && membrane));
+    uint32_t framed = 0;
+    for (uint32_t i = 0; i < sectors; ++i) {
+        framed += r->sectors >> i & 1;
+    }
+    return r->reach > least_reach * threshold &&
+           (mode == PCI_OUTLINE_ALL || framed >= least_framed);
 }
 
 // Removes what lies beside and repairs nothing else: the result has the layer's topology otherwise.
-static bool remove_regions(outline *o, const pc_mesh *surface, pci_outline_mode mode,
-                           double threshold, double radius, pc_mesh *layer,
-                           uint64_t *removed_regions, uint64_t *removed_triangles) {
+static bool remove_regions(outline *o, const pci_knn *rims, pci_outline_mode mode, double threshold,
+                           double slack, pc_mesh *layer, uint64_t *removed_regions,
+                           uint64_t *removed_triangles) {
     const pci_halfedge *mesh = &o->mesh;
     pci_scratch *scratch = mesh->scratch;
     uint32_t *roots = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
     region *regions = PCI_SCRATCH(scratch, region, mesh->triangle_count);
     uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, mesh->triangle_count);
-    if (scratch->failed || !join_regions(o, threshold, roots) ||
-        !measure_regions(o, surface, radius, roots, regions)) {
+    if (scratch->failed || !join_regions(o, threshold, roots)) {
         return false;
     }
+    measure_extent(o, roots, regions);
+    measure_frame(o, rims, slack, roots, regions);
     for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
         keep[t] = roots[t] == PC_INVALID_INDEX || !removes(&regions[roots[t]], mode, threshold);
         *removed_regions += !keep[t] && roots[t] == t;
@@ -281,7 +296,7 @@ static bool remove_regions(outline *o, const pc_mesh *surface, pci_outline_mode 
 }
 
 pc_status pci_cut_outline(pci_scratch *scratch, const char *stage, const pci_bvh *visual,
-                          const pc_mesh *surface, pci_outline_mode mode, double threshold,
+                          const pci_knn *rims, pci_outline_mode mode, double threshold,
                           double cell_size, pc_mesh *layer, uint64_t *removed_regions,
                           uint64_t *removed_triangles) {
     // Finer than an eighth of a voxel there is nothing to see, and a layer that runs near the
@@ -297,8 +312,8 @@ pc_status pci_cut_outline(pci_scratch *scratch, const char *stage, const pci_bvh
     pci_vertex_normals(layer, o.normals);
     pci_parallel_for(scratch->context, layer->vertex_count, grain, measure_outline, &o);
     if (!refine_outline(&o, threshold, shortest) || !split_isoline(&o, threshold) ||
-        !remove_regions(&o, surface, mode, threshold, rim_radius * cell_size, layer,
-                        removed_regions, removed_triangles)) {
+        !remove_regions(&o, rims, mode, threshold, sag * cell_size, layer, removed_regions,
+                        removed_triangles)) {
         return pci_fail_memory(scratch->context, stage);
     }
     return PC_OK;

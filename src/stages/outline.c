@@ -13,7 +13,7 @@ enum { grain = 256 };
 // the visual mesh, in voxels.
 static const double sag = 1.0;
 // A region counts only where it reaches this many times the threshold; less is roughness.
-static const double least_reach = 1.5;
+static const double least_reach = 1.2;
 // A membrane is framed by rims in so many of the sectors around its centre; a web between a sleeve
 // and the body may have the cuff on one side.
 enum { sectors = 12, least_framed = 9 };
@@ -162,6 +162,8 @@ typedef struct region {
     double area, centre[3], normal[3];
     double reach;     // largest distance
     uint32_t sectors; // bit i: in this direction from the centre the region ends at a rim
+    bool open;        // touches the border of the layer
+    bool fringe;      // does not touch it, but lies near
 } region;
 
 // Joins the triangles that lie beside the visual mesh to regions: `roots` holds the first triangle
@@ -234,9 +236,25 @@ static void mark_sector(region *r, const double point[3]) {
     r->sectors |= UINT32_C(1) << ((uint32_t)(turn * sectors) % sectors);
 }
 
+// The vertices on the border of the layer.
+static bool find_border(const pci_halfedge *mesh, pci_knn *border) {
+    double *points = PCI_SCRATCH(mesh->scratch, double, 3 * mesh->vertex_count);
+    size_t count = 0;
+    if (points == NULL) {
+        return false;
+    }
+    for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
+        if (mesh->twins[h] == PC_INVALID_INDEX) {
+            memcpy(&points[3 * count++], &mesh->positions[3 * (size_t)pci_origin(mesh, h)],
+                   3 * sizeof(double));
+        }
+    }
+    return pci_knn_build(mesh->scratch, count, points, border);
+}
+
 // A region ends at the rim of an opening where a rim is near, or where the layer ends already.
-static void measure_frame(const outline *o, const pci_knn *rims, double slack,
-                          const uint32_t *roots, region *regions) {
+static void measure_frame(const outline *o, const pci_knn *rims, const pci_knn *border,
+                          double slack, const uint32_t *roots, region *regions) {
     const pci_halfedge *mesh = &o->mesh;
     for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
         const uint32_t root = roots[h / 3], twin = mesh->twins[h];
@@ -248,6 +266,11 @@ static void measure_frame(const outline *o, const pci_knn *rims, double slack,
         double square;
         if (twin == PC_INVALID_INDEX) {
             mark_sector(&regions[root], point);
+            regions[root].open = true;
+        }
+        if (pci_knn_query(border, point, 1, PC_INVALID_INDEX, &rim, &square) == 1 &&
+            square < slack * slack) {
+            regions[root].fringe = true;
         }
         if (pci_knn_query(rims, point, 1, PC_INVALID_INDEX, &rim, &square) == 1 &&
             sqrt(square) <= pci_bvh_closest(o->visual, point, INFINITY).distance + slack) {
@@ -262,7 +285,7 @@ static bool removes(const region *r, pci_outline_mode mode, double threshold) {
         framed += r->sectors >> i & 1;
     }
     return r->reach > least_reach * threshold &&
-           (mode == PCI_OUTLINE_ALL || framed >= least_framed);
+           (mode == PCI_OUTLINE_ALL || (framed >= least_framed && (r->open || !r->fringe)));
 }
 
 // Removes what lies beside and repairs nothing else: the result has the layer's topology otherwise.
@@ -278,7 +301,11 @@ static bool remove_regions(outline *o, const pci_knn *rims, pci_outline_mode mod
         return false;
     }
     measure_extent(o, roots, regions);
-    measure_frame(o, rims, slack, roots, regions);
+    pci_knn border;
+    if (!find_border(mesh, &border)) {
+        return false;
+    }
+    measure_frame(o, rims, &border, slack, roots, regions);
     for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
         keep[t] = roots[t] == PC_INVALID_INDEX || !removes(&regions[roots[t]], mode, threshold);
         *removed_regions += !keep[t] && roots[t] == t;

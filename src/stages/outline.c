@@ -17,6 +17,8 @@ static const double least_reach = 1.2;
 // A membrane is framed by rims in so many of the sectors around its centre; a web between a sleeve
 // and the body may have the cuff on one side.
 enum { sectors = 12, least_framed = 9 };
+// Membranes that are tested for holding the layer together.
+enum { most_tests = 64 };
 static const double pi = 3.14159265358979323846;
 
 typedef struct outline {
@@ -162,8 +164,8 @@ typedef struct region {
     double area, centre[3], normal[3];
     double reach;     // largest distance
     uint32_t sectors; // bit i: in this direction from the centre the region ends at a rim
-    bool open;        // touches the border of the layer
-    bool fringe;      // does not touch it, but lies near
+    uint32_t arcs;    // stretches along the border of the layer
+    bool fringe;      // near the border of the layer
 } region;
 
 // Joins the triangles that lie beside the visual mesh to regions: `roots` holds the first triangle
@@ -265,8 +267,9 @@ static void measure_frame(const outline *o, const pci_knn *rims, const pci_knn *
         uint32_t rim;
         double square;
         if (twin == PC_INVALID_INDEX) {
+            const uint32_t before = pci_border_incoming(mesh, pci_origin(mesh, h));
             mark_sector(&regions[root], point);
-            regions[root].open = true;
+            regions[root].arcs += roots[before / 3] != root;
         }
         if (pci_knn_query(border, point, 1, PC_INVALID_INDEX, &rim, &square) == 1 &&
             square < slack * slack) {
@@ -285,10 +288,60 @@ static bool removes(const region *r, pci_outline_mode mode, double threshold) {
         framed += r->sectors >> i & 1;
     }
     return r->reach > least_reach * threshold &&
-           (mode == PCI_OUTLINE_ALL || (framed >= least_framed && (r->open || !r->fringe)));
+           (mode == PCI_OUTLINE_ALL || (framed >= least_framed && (r->arcs > 0 || !r->fringe)));
 }
 
-// Removes what lies beside and repairs nothing else: the result has the layer's topology otherwise.
+// Connected parts of what is kept, without the region at triangle `without`. `parents` is scratch.
+static size_t count_parts(const pci_halfedge *mesh, const uint32_t *roots, const uint8_t *keep,
+                          uint32_t without, uint32_t *parents) {
+    size_t parts = 0;
+    pci_singletons(parents, mesh->triangle_count);
+    for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
+        const uint32_t twin = mesh->twins[h];
+        if (twin != PC_INVALID_INDEX && h < twin && keep[h / 3] && keep[twin / 3] &&
+            roots[h / 3] != without && roots[twin / 3] != without) {
+            pci_unite(parents, h / 3, twin / 3);
+        }
+    }
+    for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
+        parts += keep[t] && roots[t] != without && parents[t] == t;
+    }
+    return parts;
+}
+
+// Marks what stays. A membrane that joins two stretches of the border may hold the layer together,
+// as between the panels of a pattern: it stays, too, if the layer would fall apart.
+static bool choose_triangles(const outline *o, const uint32_t *roots, const region *regions,
+                             pci_outline_mode mode, double threshold, uint8_t *keep) {
+    const pci_halfedge *mesh = &o->mesh;
+    uint32_t *parents = PCI_SCRATCH(mesh->scratch, uint32_t, mesh->triangle_count);
+    if (parents == NULL) {
+        return false;
+    }
+    for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
+        const region *r = roots[t] != PC_INVALID_INDEX ? &regions[roots[t]] : NULL;
+        keep[t] = r == NULL || !removes(r, mode, threshold) ||
+                  (mode == PCI_OUTLINE_MEMBRANES && r->arcs > 1);
+    }
+    size_t tests = 0;
+    for (uint32_t i = 0; mode == PCI_OUTLINE_MEMBRANES && i < mesh->triangle_count; ++i) {
+        if (roots[i] != i || regions[i].arcs < 2 || !removes(&regions[i], mode, threshold)) {
+            continue;
+        }
+        if (++tests > most_tests || !pci_keep_going(mesh->scratch->context)) {
+            break;
+        }
+        if (count_parts(mesh, roots, keep, i, parents) <=
+            count_parts(mesh, roots, keep, PC_INVALID_INDEX - 1, parents)) {
+            for (uint32_t t = i; t < mesh->triangle_count; ++t) {
+                keep[t] = keep[t] && roots[t] != i;
+            }
+        }
+    }
+    return true;
+}
+
+// Removes what lies beside. Without such regions the layer stays as it is.
 static bool remove_regions(outline *o, const pci_knn *rims, pci_outline_mode mode, double threshold,
                            double slack, pc_mesh *layer, uint64_t *removed_regions,
                            uint64_t *removed_triangles) {
@@ -297,20 +350,24 @@ static bool remove_regions(outline *o, const pci_knn *rims, pci_outline_mode mod
     uint32_t *roots = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
     region *regions = PCI_SCRATCH(scratch, region, mesh->triangle_count);
     uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, mesh->triangle_count);
-    if (scratch->failed || !join_regions(o, threshold, roots)) {
+    pci_knn border;
+    if (scratch->failed || !join_regions(o, threshold, roots) || !find_border(mesh, &border)) {
         return false;
     }
     measure_extent(o, roots, regions);
-    pci_knn border;
-    if (!find_border(mesh, &border)) {
+    measure_frame(o, rims, &border, slack, roots, regions);
+    if (!choose_triangles(o, roots, regions, mode, threshold, keep)) {
         return false;
     }
-    measure_frame(o, rims, &border, slack, roots, regions);
+    uint64_t removed = 0;
     for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
-        keep[t] = roots[t] == PC_INVALID_INDEX || !removes(&regions[roots[t]], mode, threshold);
         *removed_regions += !keep[t] && roots[t] == t;
-        *removed_triangles += !keep[t];
+        removed += !keep[t];
     }
+    if (removed == 0) {
+        return true;
+    }
+    *removed_triangles += removed;
     const pc_mesh cut = {mesh->vertex_count, mesh->positions, mesh->triangle_count, mesh->corners};
     pci_repair_counts counts;
     pc_mesh kept = {0};

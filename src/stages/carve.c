@@ -11,7 +11,7 @@ static const char stage[] = "carve";
 
 static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_carve_options, carve, BOOL, 0, 0, 1, "",
-                     "Cut the surface along the outline of the visual mesh (section 5.1)"),
+                     "Also cut what bridges two surfaces of the visual mesh (section 5.1)"),
     PCI_FIELD_OPTION(
         pc_carve_options, carve_distance, DOUBLE, 0.25, 0.05, 10.0, "voxels",
         "epsilon_carved: surface farther than this beside the visual mesh is cut away"),

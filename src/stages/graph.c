@@ -18,6 +18,9 @@ static const pc_field option_fields[] = {
                      "Start of the ray for opposite vertices, outside the vertex"),
     PCI_FIELD_OPTION(pc_graph_options, outward_offset, DOUBLE, 0.5, 0.0, 2.0, "voxels",
                      "Start of the ray for the outer distance, outside the vertex"),
+    PCI_FIELD_OPTION(pc_graph_options, tube_aspect, DOUBLE, 2.0, 0.0, 10.0, "",
+                     "Solids less than so many times as wide as thick are tubes, not sheets; 0: "
+                     "none is"),
 };
 const pc_record pc_graph_options_record = PCI_RECORD(option_fields, pc_graph_options);
 
@@ -215,8 +218,6 @@ static double find_edge_weights(const pci_topology *topology, const double *curv
 enum { TUBE_DIRECTIONS = 6 };
 // Thinner solids are sheets, in voxels.
 static const double least_tube = 0.5;
-// Widest cross-section of a tube, in units of its thickness.
-static const double tube_aspect = 2.0;
 static const double pi = 3.14159265358979323846;
 
 typedef struct ray_filter {
@@ -254,7 +255,7 @@ static bool inside_tube(const work *w, uint32_t vertex, double thickness) {
     }
     const double *v = &w->mesh->positions[3 * (size_t)vertex];
     const double *n = &w->normals[3 * (size_t)vertex];
-    const double limit = tube_aspect * thickness;
+    const double limit = w->options->tube_aspect * thickness;
     ray_filter filter = {.mesh = w->mesh, .vertex = vertex, .back_faces_only = true};
     double x[3], y[3], middle[3];
     tangent_frame(n, x, y);

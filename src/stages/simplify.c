@@ -5,6 +5,7 @@
 #include "core/core.h"
 #include "core/halfedge.h"
 #include "core/heap.h"
+#include "core/locality.h"
 #include "core/manifold.h"
 #include "core/topology.h"
 #include "stages/clustering.h"
@@ -73,11 +74,22 @@ static double edge_length(const pci_halfedge *mesh, uint32_t h) {
                                      &mesh->positions[3 * (size_t)pci_target(mesh, h)]));
 }
 
+static bool push_edge(pci_scratch *scratch, const pci_halfedge *mesh, uint32_t h, pci_heap *heap) {
+    const uint32_t twin = mesh->twins[h];
+    const uint32_t edge = twin < h ? twin : h;
+    return pci_heap_push(scratch, heap, -edge_length(mesh, edge), edge);
+}
+
 // Splits the longest edge until there are enough vertices.
 static bool refine(pci_scratch *scratch, pci_halfedge *mesh, size_t vertices) {
     pci_heap longest = {0};
+    const size_t missing = vertices > mesh->live_vertices ? vertices - mesh->live_vertices : 0;
+    if (!pci_halfedge_reserve(mesh, mesh->vertex_count + missing,
+                              mesh->triangle_count + 2 * missing)) {
+        return false;
+    }
     for (uint32_t h = 0; h < 3 * mesh->triangle_count && mesh->live_vertices < vertices; ++h) {
-        if (pci_is_edge(mesh, h) && !pci_heap_push(scratch, &longest, -edge_length(mesh, h), h)) {
+        if (pci_is_edge(mesh, h) && !push_edge(scratch, mesh, h, &longest)) {
             return false;
         }
     }
@@ -95,13 +107,11 @@ static bool refine(pci_scratch *scratch, pci_halfedge *mesh, size_t vertices) {
         }
         // Every triangle at the new vertex was rewritten.
         PCI_FOR_OUTGOING(mesh, v, h) {
-            const uint32_t around[3] = {h, pci_next(h), pci_previous(h)};
-            for (size_t i = 0; i < 3; ++i) {
-                const uint32_t twin = mesh->twins[around[i]];
-                const uint32_t edge = twin < around[i] ? twin : around[i];
-                if (!pci_heap_push(scratch, &longest, -edge_length(mesh, edge), edge)) {
-                    return false;
-                }
+            const bool last = mesh->twins[pci_previous(h)] == PC_INVALID_INDEX;
+            if (!push_edge(scratch, mesh, h, &longest) ||
+                !push_edge(scratch, mesh, pci_next(h), &longest) ||
+                (last && !push_edge(scratch, mesh, pci_previous(h), &longest))) {
+                return false;
             }
         }
     }
@@ -183,10 +193,27 @@ typedef struct sampling {
     double spacing;  // edge length of uniform clusters
 } sampling;
 
+// Enough vertices for the clusters, neighbours next to each other in memory.
+static bool sample(pci_scratch *scratch, const pc_mesh *layer, size_t vertices,
+                   pci_halfedge *mesh) {
+    pci_scratch inner = pci_scratch_begin(scratch->context);
+    pci_halfedge refined;
+    pc_mesh sorted = {0};
+    bool done = pci_halfedge_build(&inner, layer, &refined) &&
+                refine(&inner, &refined, samples_per_cluster * vertices);
+    if (done) {
+        const pc_mesh unsorted = {refined.vertex_count, refined.positions, refined.triangle_count,
+                                  refined.corners};
+        done =
+            pci_sort_mesh(&inner, &unsorted, &sorted) && pci_halfedge_build(scratch, &sorted, mesh);
+    }
+    pci_scratch_end(&inner);
+    return done;
+}
+
 static bool begin_sampling(pci_scratch *scratch, const pc_mesh *layer, size_t vertices,
                            sampling *s) {
-    if (!pci_halfedge_build(scratch, layer, &s->mesh) ||
-        !refine(scratch, &s->mesh, samples_per_cluster * vertices)) {
+    if (!sample(scratch, layer, vertices, &s->mesh)) {
         return false;
     }
     const size_t nv = s->mesh.vertex_count;
@@ -230,8 +257,8 @@ static bool cluster_samples(pci_scratch *scratch, sampling *s, const pc_simplify
                             uint32_t *cluster, uint64_t *iterations) {
     const size_t nv = s->mesh.vertex_count;
     const uint32_t first = (uint32_t)(pci_random(options->seed, 0, 0) * (double)nv);
-    if (!pci_cluster_vertices(scratch, &s->mesh, s->weights, s->scales, options->vertices, first,
-                              options->clustering_iterations, cluster, iterations)) {
+    if (!pci_cluster_vertices(scratch->context, &s->mesh, s->weights, s->scales, options->vertices,
+                              first, options->clustering_iterations, cluster, iterations)) {
         return false;
     }
     if (options->narrow_refinement == 1.0) {
@@ -245,8 +272,9 @@ static bool cluster_samples(pci_scratch *scratch, sampling *s, const pc_simplify
         // The density of a centroidal Voronoi diagram is the fourth power of the inverse size.
         s->weights[v] = s->areas[v] * pow(s->scales[v], 4.0);
     }
-    return pci_cluster_vertices(scratch, &s->mesh, s->weights, s->scales, options->vertices, first,
-                                options->clustering_iterations, cluster, iterations);
+    return pci_cluster_vertices(scratch->context, &s->mesh, s->weights, s->scales,
+                                options->vertices, first, options->clustering_iterations, cluster,
+                                iterations);
 }
 
 // Puts the nearest border vertex on each corner of the border, once.

@@ -12,7 +12,9 @@
 #include "stages/contraction.h"
 #include "stages/corners.h"
 #include "stages/fit.h"
+#include "stages/improve.h"
 #include "stages/sizing.h"
+#include "stages/untangle.h"
 
 static const char stage[] = "simplify";
 
@@ -62,6 +64,8 @@ static const size_t samples_per_cluster = 16;
 static const size_t relax_passes = 30;
 // Least quality of the triangles at a corner of the border.
 static const double pinned_quality = 0.5;
+// How far vertices may leave the surface for better angles, in expected edge lengths.
+static const double reaches[] = {0.1, 0.2, 0.4};
 // Passes of fitting.
 static const size_t fit_passes = 10;
 
@@ -310,7 +314,7 @@ static bool pin_corners(pci_scratch *scratch, const sampling *s, const uint32_t 
 
 // Evens out the coarse mesh on the fine one, then fits its triangles to it.
 static bool relax_and_fit(pci_scratch *scratch, const sampling *s, pci_halfedge *coarse,
-                          uint32_t *feet, const uint32_t *nearby) {
+                          uint32_t *feet, uint32_t *nearby) {
     uint8_t *pinned = PCI_SCRATCH(scratch, uint8_t, coarse->vertex_count);
     if (pinned == NULL) {
         return false;
@@ -326,7 +330,18 @@ static bool relax_and_fit(pci_scratch *scratch, const sampling *s, pci_halfedge 
     for (uint32_t v = 0; v < coarse->vertex_count; ++v) {
         pinned[v] = pinned[v] && pci_relax_quality(&relaxation, v) >= pinned_quality;
     }
-    return pci_fit(scratch, &relaxation, nearby, s->areas, s->arcs, s->spacing, fit_passes);
+    if (!pci_improve(scratch, &relaxation, s->spacing, nearby) ||
+        !pci_fit(scratch, &relaxation, nearby, s->areas, s->arcs, s->spacing, fit_passes)) {
+        return false;
+    }
+    // What little is left to do may leave the surface, the less the better.
+    for (size_t i = 0; i < sizeof(reaches) / sizeof(reaches[0]); ++i) {
+        if (!pci_widen_slivers(scratch, &relaxation, reaches[i] * s->spacing)) {
+            return false;
+        }
+    }
+    size_t crossings = 0;
+    return pci_untangle(scratch, &relaxation, s->spacing, &crossings);
 }
 
 static pc_status measure(pci_scratch *scratch, const pc_mesh *mesh, size_t wanted,
@@ -385,8 +400,10 @@ static pc_status simplify(pci_scratch *scratch, pc_mesh *layer, const pc_simplif
         !relax_and_fit(scratch, &s, &coarse, feet, nearby)) {
         return pci_fail_memory(context, stage);
     }
-    memcpy(proxy->positions, coarse.positions, 3 * proxy->vertex_count * sizeof(double));
-    memcpy(proxy->triangles, coarse.corners, 3 * proxy->triangle_count * sizeof(uint32_t));
+    pc_mesh_free(context, proxy); // vertices inside may have become vertices on the border
+    if (!pci_halfedge_export(&coarse, proxy, NULL)) {
+        return pci_fail_memory(context, stage);
+    }
     return measure(scratch, proxy, options->vertices, report);
 }
 

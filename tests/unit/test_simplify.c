@@ -223,9 +223,70 @@ static void keeps_a_narrow_strap(void **state) {
     assert_int_equal(found.components, 1);
     assert_int_equal(found.loops, 1);
     assert_int_equal(found.euler, 1);
+    assert_true(found.angle_worst > 20.0);
     pc_mesh_free(context, &proxy);
     pc_mesh_free(context, &mesh);
     pc_release(context, keep);
+    pc_context_destroy(context);
+}
+
+// Ribbons much narrower than the clusters of the sheet that they hang on become clean strips that
+// keep their length.
+static void ribbons_are_strips_of_good_triangles(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    static const double widths[] = {0.07, 0.1, 0.15, 0.2, 0.3};
+    for (size_t i = 0; i < sizeof(widths) / sizeof(widths[0]); ++i) {
+        pc_mesh sheet = test_sheet(context, 20, 20, 1.0, 1.0);
+        pc_mesh ribbon = test_sheet(context, 80, 2, 4.0, widths[i]);
+        for (size_t v = 0; v < ribbon.vertex_count; ++v) { // narrower at the start
+            ribbon.positions[3 * v + 1] *= 0.7 + 0.3 * ribbon.positions[3 * v] / 4.0;
+        }
+        const double offset[3] = {1.5, 0.0, 0.0};
+        pc_mesh both = test_union(context, &sheet, &ribbon, offset);
+        pc_mesh proxy = simplified(context, &both, 96, NULL);
+        const shape found = check_manifold(context, &proxy);
+        double least = INFINITY, most = 0.0;
+        for (size_t v = 0; v < proxy.vertex_count; ++v) {
+            if (proxy.positions[3 * v] > 1.2) {
+                least = fmin(least, proxy.positions[3 * v]);
+                most = fmax(most, proxy.positions[3 * v]);
+            }
+        }
+        assert_int_equal(found.components, 2);
+        assert_int_equal(found.loops, 2);
+        assert_int_equal(proxy.vertex_count, 96);
+        assert_true(found.angle_worst > 20.0);
+        assert_true(least < 1.5 + 0.1 && most > 5.5 - 0.1);
+        pc_mesh_free(context, &proxy);
+        pc_mesh_free(context, &both);
+        pc_mesh_free(context, &sheet);
+        pc_mesh_free(context, &ribbon);
+    }
+    pc_context_destroy(context);
+}
+
+// A sleeve whose circumference is about two clusters stays a tube with at least three edges around.
+static void thin_tubes_stay_tubes(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    static const double radii[] = {0.03, 0.05, 0.1, 0.2};
+    for (size_t i = 0; i < sizeof(radii) / sizeof(radii[0]); ++i) {
+        pc_mesh sheet = test_sheet(context, 20, 20, 2.0, 2.0);
+        pc_mesh tube = test_tube(context, 12, 60, radii[i], 2.0);
+        const double offset[3] = {4.0, 0.0, 0.0};
+        pc_mesh both = test_union(context, &sheet, &tube, offset);
+        pc_mesh proxy = simplified(context, &both, 96, NULL);
+        const shape found = check_manifold(context, &proxy);
+        assert_int_equal(found.components, 2);
+        assert_int_equal(found.loops, 3);
+        assert_int_equal(found.euler, 1);
+        assert_true(found.angle_worst > 20.0);
+        pc_mesh_free(context, &proxy);
+        pc_mesh_free(context, &both);
+        pc_mesh_free(context, &sheet);
+        pc_mesh_free(context, &tube);
+    }
     pc_context_destroy(context);
 }
 
@@ -446,6 +507,8 @@ int main(void) {
         cmocka_unit_test(says_why_it_falls_short),
         cmocka_unit_test(shares_the_budget_between_parts),
         cmocka_unit_test(keeps_a_narrow_strap),
+        cmocka_unit_test(ribbons_are_strips_of_good_triangles),
+        cmocka_unit_test(thin_tubes_stay_tubes),
         cmocka_unit_test(hems_do_not_shrink),
         cmocka_unit_test(repairs_its_input),
         cmocka_unit_test(is_deterministic),

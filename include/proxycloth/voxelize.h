@@ -9,6 +9,21 @@
 /// of half a cell, so that flat parts of a garment lie between lattice planes. The band is 2.75
 /// cells: all corners of a cell that holds an iso-surface of up to one cell.
 ///
+/// auto chooses N_v from the garment. An opening (neck, cuff, slit, the inside of a narrow sleeve,
+/// the space between sleeve and body) stays open where it is wider than the two voxels that the
+/// iso-surface takes from it, and every tunnel through the iso-surface, counted by its genus, is
+/// one that stayed open. auto counts at N_v = 20, 25, 32, 40, 51, ..., 128 (three levels per
+/// doubling), and looks for the openings of the finest three consecutive levels that agree. It
+/// takes the third of the coarsest three that have as many: the openings are there for certain, and
+/// are at least 3.2 voxels wide, which leaves more than a voxel of air in them.
+/// - The floor is 32, also where no three levels agree (crumpled cloth); the ceiling is 128.
+/// - Layers of cloth (linings, folds, the two sides of thick fabric) are not to be resolved, since
+/// a
+///   proxy has one layer. Where they come apart, the iso-surface gains area, which it never does at
+///   the opening of a tube; auto goes no further than 10 % more than at a coarser level.
+/// - Parts thinner than a voxel need no finer ones: the iso-surface encloses sheets, ribbons, wires
+///   and points of any thickness. A thin tube is an opening by its inside.
+///
 /// Postconditions: `samples` ascend strictly; every lattice point closer than `band` is present;
 /// the outermost lattice layer is farther than `band` from the surface.
 #ifndef PROXYCLOTH_VOXELIZE_H
@@ -34,14 +49,25 @@ typedef struct pc_grid {
 
 void pc_grid_free(pc_context *context, pc_grid *grid);
 
+/// Value of `voxels` that stands for auto, and what auto takes at least and at most.
+#define PC_VOXELS_AUTO    0
+#define PC_VOXELS_FLOOR   32
+#define PC_VOXELS_CEILING 128
+
 typedef struct pc_voxelize_options {
-    uint32_t voxels; ///< N_v, cells along the longest side of the bounding box
+    uint32_t voxels; ///< N_v, cells along the longest side of the bounding box; or auto
 } pc_voxelize_options;
 
 typedef struct pc_voxelize_report {
+    uint32_t voxels; ///< N_v of the grid
     double cell_size;
     uint64_t samples;
     uint64_t queries; ///< exact distances computed, including those that only pruned space
+    // 0 unless auto chose N_v. Widths are two voxels, in input units, of the coarsest level where
+    // these tunnels show, and where layers of cloth come apart (0: nowhere up to the ceiling).
+    uint64_t tunnels; ///< through the iso-surface; one less than the openings of a tunic
+    double narrowest_opening;
+    double layer_gap;
 } pc_voxelize_report;
 
 extern const pc_record pc_voxelize_options_record;

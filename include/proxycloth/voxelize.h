@@ -11,18 +11,19 @@
 ///
 /// auto chooses N_v from the garment. An opening (neck, cuff, slit, the inside of a narrow sleeve,
 /// the space between sleeve and body) stays open where it is wider than the two voxels that the
-/// iso-surface takes from it, and every tunnel through the iso-surface, counted by its genus, is
-/// one that stayed open. auto counts at N_v = 20, 25, 32, 40, 51, ..., 128 (three levels per
-/// doubling), and looks for the openings of the finest three consecutive levels that agree. It
-/// takes the third of the coarsest three that have as many: the openings are there for certain, and
-/// are at least 3.2 voxels wide, which leaves more than a voxel of air in them.
+/// iso-surface takes from it, and each tunnel through the iso-surface, counted by its genus, is one
+/// that stayed open. auto counts at N_v = 20, 25, 32, 40, 51, ..., 128, three levels per doubling.
+/// Three levels in a row that agree make sure of the openings, a single level that differs between
+/// two that agree being an accident of the lattice. auto takes the finest three that agree, or the
+/// coarsest three with as many tunnels, and of these the third: the openings are then about three
+/// voxels wide or more.
+///
 /// - The floor is 32, also where no three levels agree (crumpled cloth); the ceiling is 128.
-/// - Layers of cloth (linings, folds, the two sides of thick fabric) are not to be resolved, since
-/// a
-///   proxy has one layer. Where they come apart, the iso-surface gains area, which it never does at
-///   the opening of a tube; auto goes no further than 10 % more than at a coarser level.
+/// - Layers of cloth (linings, folds, the sides of thick fabric) stay together: a proxy has one
+///   layer. Where they come apart the iso-surface gains area, which it does not where a tube opens.
+///   auto goes no further than to 10 % more than the coarser levels have.
 /// - Parts thinner than a voxel need no finer ones: the iso-surface encloses sheets, ribbons, wires
-///   and points of any thickness. A thin tube is an opening by its inside.
+///   and points of any thickness. A thin sleeve or leg is an opening by its inside.
 ///
 /// Postconditions: `samples` ascend strictly; every lattice point closer than `band` is present;
 /// the outermost lattice layer is farther than `band` from the surface.

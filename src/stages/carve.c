@@ -5,6 +5,7 @@
 #include "core/halfedge.h"
 #include "core/manifold.h"
 #include "core/topology.h"
+#include "stages/border.h"
 
 static const char stage[] = "carve";
 
@@ -445,6 +446,10 @@ static pc_status extract(pci_scratch *scratch, const pc_mesh *surface, const pc_
     }
     if (!pci_progress(context, stage, 0.8)) {
         return pci_fail_cancelled(context, stage);
+    }
+    const pc_status status = pci_snap_border(context, stage, surface, cell_size, layer);
+    if (status != PC_OK) {
+        return status;
     }
     return measure(scratch, surface, layer, cell_size, report);
 }

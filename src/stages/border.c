@@ -346,29 +346,22 @@ static bool prepare(pci_scratch *scratch, const pc_mesh *surface, double cell_si
 }
 
 pc_status pci_snap_border(pc_context *context, const char *stage, const pc_mesh *surface,
-                          double cell_size, pc_mesh *layer) {
+                          const pci_bvh *surface_bvh, double cell_size, pc_mesh *layer) {
     pci_scratch scratch = pci_scratch_begin(context);
-    snapping s = {.layer = layer, .reach = snap_reach * cell_size};
-    pci_bvh *bvh = NULL;
-    pc_status status = pci_bvh_create(context, stage, surface, &bvh);
-    s.surface = bvh;
-    if (status == PC_OK && !prepare(&scratch, surface, cell_size, &s)) {
-        status = pci_fail_memory(context, stage);
-    }
-    if (status == PC_OK && s.hems.count > 0 && s.loop_count > 0) {
+    snapping s = {.layer = layer, .surface = surface_bvh, .reach = snap_reach * cell_size};
+    pc_status status = PC_OK;
+    bool done = prepare(&scratch, surface, cell_size, &s);
+    if (done && s.hems.count > 0 && s.loop_count > 0) {
         status = pci_bvh_create(context, stage, &s.hem_mesh, &s.hem_bvh);
-        if (status == PC_OK && !look_around(&scratch, &s)) {
-            status = pci_fail_memory(context, stage);
-        }
         if (status == PC_OK) {
+            done = look_around(&scratch, &s);
+        }
+        if (status == PC_OK && done) {
             snap_loops(&s);
-            if (!spread_moves(&scratch, &s) || !apply_moves(&scratch, &s)) {
-                status = pci_fail_memory(context, stage);
-            }
+            done = spread_moves(&scratch, &s) && apply_moves(&scratch, &s);
         }
     }
     pci_bvh_destroy(context, s.hem_bvh);
-    pci_bvh_destroy(context, bvh);
     pci_scratch_end(&scratch);
-    return status;
+    return done ? status : pci_fail_memory(context, stage);
 }

@@ -114,6 +114,16 @@ static void measures_boundaries(void **state) {
 
 // ---- snapping ---------------------------------------------------------------------------------
 
+static pc_status snap(pc_context *context, const pc_mesh *garment, double cell, pc_mesh *layer) {
+    pci_bvh *bvh = NULL;
+    pc_status status = pci_bvh_create(context, "test", garment, &bvh);
+    if (status == PC_OK) {
+        status = pci_snap_border(context, "test", garment, bvh, cell, layer);
+    }
+    pci_bvh_destroy(context, bvh);
+    return status;
+}
+
 // A sheet like one made of voxels of `cell`: its border is short of the garment's by up to one.
 static pc_mesh ragged_sheet(pc_context *context, double cell, double margin, uint64_t seed) {
     pc_mesh mesh = test_sheet(context, 24, 24, 1.0 - 2.0 * margin, 1.0 - 2.0 * margin);
@@ -147,7 +157,7 @@ static void borders_snap_to_hems(void **state) {
     for (uint64_t seed = 0; seed < 8; ++seed) {
         pc_mesh layer = ragged_sheet(context, cell, 0.9 * cell, seed);
         const size_t triangles = layer.triangle_count;
-        assert_ok(context, pci_snap_border(context, "test", &garment, cell, &layer));
+        assert_ok(context, snap(context, &garment, cell, &layer));
         size_t on_rim = 0;
         double area = 0.0;
         for (size_t v = 0; v < layer.vertex_count; ++v) {
@@ -191,8 +201,7 @@ static void other_borders_stay(void **state) {
         const size_t count = 3 * cases[i].layer->vertex_count;
         double *before = PCI_SCRATCH(&scratch, double, count);
         memcpy(before, cases[i].layer->positions, count * sizeof(*before));
-        assert_ok(context,
-                  pci_snap_border(context, "test", cases[i].garment, cell, cases[i].layer));
+        assert_ok(context, snap(context, cases[i].garment, cell, cases[i].layer));
         double moved = 0.0;
         for (size_t k = 0; k < count; ++k) {
             moved = fmax(moved, fabs(cases[i].layer->positions[k] - before[k]));
@@ -221,7 +230,7 @@ static void survives_a_lack_of_memory(void **state) {
     for (; status != PC_OK; ++failures) {
         counter.calls = 0;
         counter.fail_at = failures + 1;
-        status = pci_snap_border(context, "test", &garment, 0.2, &layer);
+        status = snap(context, &garment, 0.2, &layer);
         assert_true(status == PC_OK || status == PC_ERROR_OUT_OF_MEMORY);
         assert_int_equal(counter.live, live);
     }

@@ -247,16 +247,14 @@ static bool spread_moves(pci_scratch *scratch, snapping *s) {
     return true;
 }
 
-// Where vertex v is after its move: on the surface, or on the hem.
+// Where vertex v is after its move, or a part of it: on the surface again.
 static void moved_point(const snapping *s, uint32_t v, double point[3]) {
     for (size_t k = 0; k < 3; ++k) {
         point[k] = point_of(s, v)[k] + s->moves[3 * (size_t)v + k];
     }
-    if (s->rings[v] > 1) {
-        const pci_closest closest = pci_bvh_closest(s->surface, point, s->reach);
-        if (closest.triangle != PC_INVALID_INDEX) {
-            memcpy(point, closest.point, sizeof(closest.point));
-        }
+    const pci_closest closest = pci_bvh_closest(s->surface, point, s->reach);
+    if (closest.triangle != PC_INVALID_INDEX) {
+        memcpy(point, closest.point, sizeof(closest.point));
     }
 }
 

@@ -135,6 +135,13 @@ run 0 evaluate outfit.obj a/b/out/outfit.proxy.obj
 run 0 evaluate skinned.h5 skinned.h5
 
 # --mesh takes the named part only.
+run 0 voxelize outfit.obj -o auto.h5 --voxels auto
+run 0 info auto.h5
+grep -q '^ *voxels *auto$' stdout || fail "info hides that N_v was chosen"
+grep -Eq '^ *voxels *[0-9]+$' stdout || fail "info hides the N_v that was chosen"
+run 0 info auto.h5 --json
+grep -q '"voxels":.*"auto"' stdout || fail "JSON hides that N_v was chosen"
+
 run 0 voxelize outfit.obj -o part.h5 --mesh 'sc*' --voxels 16
 run 0 info part.h5
 grep -Eq '^  visual_triangles +96$' stdout || fail "--mesh takes another part"

@@ -81,8 +81,7 @@ static void pass_blocks(void *user, size_t begin, size_t end, uint32_t worker) {
     const size_t nv = w->problem->vertex_count;
     pci_skin_data data = w->data;
     data.displacements = a->buffers[worker].displacements;
-    data.rotations = a->buffers[worker].rotations;
-    data.residuals = a->buffers[worker].residuals;
+    data.forces = a->buffers[worker].forces;
     for (size_t b = begin; b < end; ++b) {
         data.driver = w->drivers + b * w->driver_size;
         data.quaternions = w->quaternions + b * w->quaternion_size;
@@ -90,8 +89,9 @@ static void pass_blocks(void *user, size_t begin, size_t end, uint32_t worker) {
         memset(data.gradient, 0, a->partial_size);
         memset(&a->sums[b], 0, sizeof(a->sums[b]));
         w->kernel->displace(&data, 0, nv);
-        w->kernel->fit(&data, 0, nv, job->measured ? &a->sums[b] : NULL);
-        w->kernel->gradient(&data, 0, nv);
+        memset(data.forces, 0, 3 * PCI_BLOCK * nv * w->kernel->real_size);
+        w->kernel->scatter(&data, nv, job->measured ? &a->sums[b] : NULL);
+        w->kernel->collect(&data, 0, nv);
     }
 }
 
@@ -179,8 +179,7 @@ bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *pr
     a->buffers = PCI_SCRATCH(scratch, pci_skin_buffers, threads);
     for (size_t i = 0; i < threads && a->buffers != NULL; ++i) {
         a->buffers[i].displacements = pci_skin_reals(scratch, kernel, 3 * PCI_BLOCK * nv);
-        a->buffers[i].rotations = pci_skin_reals(scratch, kernel, 18 * PCI_BLOCK * nv);
-        a->buffers[i].residuals = pci_skin_reals(scratch, kernel, 6 * PCI_BLOCK * nv);
+        a->buffers[i].forces = pci_skin_reals(scratch, kernel, 3 * PCI_BLOCK * nv);
     }
     return !scratch->failed && build_gram(scratch, &a->frames, &a->gram);
 }

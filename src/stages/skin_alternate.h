@@ -13,7 +13,7 @@
 
 // Of one block of frames, per worker; see pci_skin_data.
 typedef struct pci_skin_buffers {
-    void *displacements, *rotations, *residuals;
+    void *displacements, *forces;
 } pci_skin_buffers;
 
 typedef struct pci_skin_alternation {

@@ -39,14 +39,16 @@ typedef enum cli_accepts {
     CLI_NAME = 1 << 2,          // --name
     CLI_MESH = 1 << 3,          // --mesh, --import-memory, --import-seconds
     CLI_JSON = 1 << 4,          // --json
-    CLI_PNG = 1 << 5            // --png
+    CLI_PNG = 1 << 5,           // --png
+    CLI_SCENARIO = 1 << 6       // --scenario
 } cli_accepts;
 
 typedef struct cli_arguments {
     const char *inputs[2];
     size_t input_count;
-    const char *output; // NULL: not given
-    const char *name;   // NULL: not given
+    const char *output;   // NULL: not given
+    const char *name;     // NULL: not given
+    const char *scenario; // file; its options are in `options`, flags override them
     const char **patterns;
     size_t pattern_count;
     bool help;
@@ -143,6 +145,10 @@ int cli_garment_name(const cli_command *command, const cli_arguments *arguments,
 // Loads an asset file.
 int cli_load_asset(const cli_command *command, pc_context *context, const char *path,
                    pc_asset *asset);
+
+// Reads the scenario of --scenario, or leaves the paper's, in place of what the asset has.
+int cli_load_scenario(const cli_command *command, const cli_arguments *arguments,
+                      pc_context *context, pc_asset *asset);
 
 // ---- output -------------------------------------------------------------------------------------
 

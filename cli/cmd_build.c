@@ -97,7 +97,14 @@ static int build(const cli_command *command, const cli_arguments *arguments, pc_
     if (code != CLI_OK) {
         return code;
     }
+    code = cli_load_scenario(command, arguments, context, asset);
+    if (code != CLI_OK) {
+        return code;
+    }
     pc_status status = scene_visual(scene, chosen, context, &asset->visual, &asset->reports.visual);
+    if (status == PC_OK) {
+        status = scene_character(scene, chosen, context, &asset->character);
+    }
     if (status == PC_OK) {
         status = pc_build(context, &arguments->options, asset, &timings);
     }

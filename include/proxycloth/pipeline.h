@@ -64,6 +64,8 @@ typedef struct pc_asset {
     pc_options options;   ///< of the stages done, as they were used
     pc_reports reports;
     pc_visual visual;
+    pc_character character; ///< the rest of the input: skeleton, clips, body; may be empty
+    pc_scenario scenario;   ///< what the proxy goes through; zero: the paper's
     pc_grid grid;
     pc_mesh isosurface;
     pc_mesh projected;
@@ -110,7 +112,9 @@ PC_NODISCARD pc_status pc_run_stage(pc_context *context, pc_stage stage, const p
                                     pc_asset *asset, pc_timings *timings);
 
 /// Runs all stages on a visual mesh.
-/// @param[in,out] asset    `visual`, `name` and `reports.visual` are set, the rest is zero. On
+/// @param[in,out] asset    `visual`, `name` and `reports.visual` are set, `character` and
+/// `scenario`
+///                         may be, the rest is zero. On
 ///                         failure the results up to the failing stage remain.
 PC_NODISCARD pc_status pc_build(pc_context *context, const pc_options *options, pc_asset *asset,
                                 pc_timings *timings);

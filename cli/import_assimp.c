@@ -844,6 +844,9 @@ static const struct aiScene *import(scene_reader *reader, const char *path, scen
     if (format == SCENE_GLB || format == SCENE_GLTF) {
         check_json(reader, bytes, size, format);
     }
+    if (format == SCENE_GLB) {
+        bytes = scene_unpack_glb(bytes, &size);
+    }
     // Files that refer to others are read through their path; the others from memory, where the
     // hint decides about the importer.
     const struct aiScene *source =

@@ -122,6 +122,9 @@ const char *scene_format_name(scene_format format);
 // Recognises a file by its first bytes and its extension. Prints the message on failure.
 int scene_sniff(const char *command, const char *path, scene_format *format);
 
+// Animation keys of a GLB file as floats: the same bytes where they are, else new ones.
+char *scene_unpack_glb(char *bytes, size_t *size);
+
 // Reads a file through assimp and writes the buffer (or a failure) to `descriptor`. Runs in the
 // child; returns the child's exit code.
 int scene_read(const char *path, scene_format format, int descriptor);

@@ -187,23 +187,53 @@ typedef struct fill_task {
     const pci_bvh *bvh;
     const winding_tree *tree;
     pci_distance_field *field;
+    double reach;
+    bool coarse; // only points with even numbers; else the others
 } fill_task;
+
+// A point whose numbers are all even lies at most this many cells away from any point.
+static const double coarse_cells = 1.7320508075688772;
+
+static void fill_point(const fill_task *task, const uint32_t at[3], size_t i) {
+    pci_distance_field *field = task->field;
+    const size_t row = field->size[0], slice = row * field->size[1];
+    double point[3], squared = 0.0;
+    for (size_t k = 0; k < 3; ++k) {
+        point[k] = field->origin[k] + field->cell * (double)at[k];
+        squared += at[k] % 2 != 0 ? field->cell * field->cell : 0.0;
+    }
+    // The sign is that of the coarse point next to it if no surface lies between; far outside of
+    // the mesh a lower bound of the distance will do as well.
+    const size_t near = (at[0] & ~1u) + row * (at[1] & ~1u) + slice * (at[2] & ~1u);
+    const double away = sqrt(squared);
+    bool known = false, inside = false;
+    if (!task->coarse) {
+        const double value = (double)field->values[near];
+        known = fabs(value) > away * (1.0 + 1e-6);
+        inside = value < 0.0;
+        if (value > task->reach + coarse_cells * field->cell) {
+            field->values[i] = (float)(value - away);
+            field->triangles[i] = field->triangles[near];
+            return;
+        }
+    }
+    const pci_closest closest = pci_bvh_closest(task->bvh, point, INFINITY);
+    inside = known ? inside : winding_at(task->tree, point) > 0.5;
+    field->values[i] = (float)(inside ? -closest.distance : closest.distance);
+    field->triangles[i] = closest.triangle;
+}
 
 static void fill_points(void *user, size_t begin, size_t end, uint32_t worker) {
     const fill_task *task = user;
-    pci_distance_field *field = task->field;
+    const pci_distance_field *field = task->field;
     (void)worker;
     for (size_t i = begin; i < end; ++i) {
-        const size_t at[3] = {i % field->size[0], i / field->size[0] % field->size[1],
-                              i / field->size[0] / field->size[1]};
-        double point[3];
-        for (size_t k = 0; k < 3; ++k) {
-            point[k] = field->origin[k] + field->cell * (double)at[k];
+        const uint32_t at[3] = {(uint32_t)(i % field->size[0]),
+                                (uint32_t)(i / field->size[0] % field->size[1]),
+                                (uint32_t)(i / field->size[0] / field->size[1])};
+        if (((at[0] | at[1] | at[2]) % 2 == 0) == task->coarse) {
+            fill_point(task, at, i);
         }
-        const pci_closest closest = pci_bvh_closest(task->bvh, point, INFINITY);
-        const bool inside = winding_at(task->tree, point) > 0.5;
-        field->values[i] = (float)(inside ? -closest.distance : closest.distance);
-        field->triangles[i] = closest.triangle;
     }
 }
 
@@ -238,10 +268,11 @@ pc_status pci_distance_field_build(pci_scratch *scratch, const char *stage, cons
     pci_bvh *bvh = NULL;
     pc_status status = pci_bvh_create(context, stage, mesh, &bvh);
     if (status == PC_OK) {
-        fill_task task = {bvh, &tree, field};
-        if (!pci_parallel_while_wanted(context, count, 1024, fill_points, &task)) {
-            status = pci_fail_cancelled(context, stage);
-        }
+        fill_task task = {bvh, &tree, field, margin, true};
+        bool wanted = pci_parallel_while_wanted(context, count, 1024, fill_points, &task);
+        task.coarse = false;
+        wanted = wanted && pci_parallel_while_wanted(context, count, 1024, fill_points, &task);
+        status = wanted ? PC_OK : pci_fail_cancelled(context, stage);
     }
     pci_bvh_destroy(context, bvh);
     return status;

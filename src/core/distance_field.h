@@ -15,7 +15,8 @@ typedef struct pci_distance_field {
 } pci_distance_field;
 
 // A grid of this spacing that covers the mesh and `margin` around it; arrays live in scratch
-// memory. PC_OK; PC_ERROR_TOO_LARGE; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_CANCELLED.
+// memory. Farther outside than `margin` values are lower bounds, and triangles only near ones.
+// PC_OK; PC_ERROR_TOO_LARGE; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_CANCELLED.
 PC_NODISCARD pc_status pci_distance_field_build(pci_scratch *scratch, const char *stage,
                                                 const pc_mesh *mesh, double cell, double margin,
                                                 pci_distance_field *field);

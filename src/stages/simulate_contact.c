@@ -7,14 +7,20 @@
 
 static const char stage[] = "simulate";
 
-// The body's diagonal is divided into this many cells: 2 cm on a person.
-static const double body_cells = 128.0;
+// The box around the body is divided into about this many cells: 2 cm on a person.
+static const double body_cells = 150000.0;
+// Speed at which the cloth leaves a collider that it is in, m/s: faster would throw it.
+static const double leaving_speed = 1.0;
+// Cloth that rests deeper in the body than this share of an edge is tucked in and stays so: pushing
+// it out would strain the edges next to it by more than a few percent (half the share squared).
+static const double tuck_share = 0.25;
 // Second joints with less than this share of the weight do not carry the surface.
 static const double least_share = 0.2;
 
 // A point of the cloth that must stay outside: a vertex (a = b), or the middle of an edge.
 typedef struct sample {
     uint32_t a, b;
+    double distance; // to keep from the body; negative: tucked in
 } sample;
 
 typedef struct contact {
@@ -35,6 +41,7 @@ typedef struct primitive {
 typedef struct limb {
     size_t joint;
     double minimum[3], maximum[3]; // in the rest pose, with the contact distance
+    double center[3], radius;      // of a ball around it, now
 } limb;
 
 struct pci_contacts {
@@ -205,7 +212,12 @@ static pc_status make_body(pci_scratch *scratch, const pc_simulate_inputs *input
     uint32_t *original = NULL;
     pc_status status = select_body(scratch, inputs, scale, &body, &original);
     if (status == PC_OK) {
-        const double cell = pci_diagonal(&body) / body_cells;
+        double least[3], most[3], volume = 1.0;
+        pci_bounding_box(&body, least, most);
+        for (size_t k = 0; k < 3; ++k) { // flat bodies as if they were a tenth as thick as large
+            volume *= fmax(most[k] - least[k], 0.1 * pci_diagonal(&body));
+        }
+        const double cell = cbrt(volume / body_cells);
         status = pci_distance_field_build(scratch, stage, &body, cell,
                                           contacts->distance + 2.0 * cell, &contacts->field);
     }
@@ -253,6 +265,32 @@ static bool make_samples(pci_scratch *scratch, const pc_mesh *proxy, pci_contact
     return true;
 }
 
+// What lies deep in the body at rest may stay there.
+static void tuck_samples(pci_contacts *contacts, const pc_mesh *proxy, double scale) {
+    double length = 0.0;
+    size_t edges = 0;
+    for (size_t i = proxy->vertex_count; i < contacts->sample_count; ++i, ++edges) {
+        const sample *at = &contacts->samples[i];
+        length += scale * sqrt(pci_squared_distance(&proxy->positions[3 * (size_t)at->a],
+                                                    &proxy->positions[3 * (size_t)at->b]));
+    }
+    const double deepest = edges != 0 ? tuck_share * length / (double)edges : 0.0;
+    for (size_t i = 0; i < contacts->sample_count; ++i) {
+        sample *at = &contacts->samples[i];
+        double point[3], gradient[3], distance;
+        size_t nearest;
+        for (size_t k = 0; k < 3; ++k) {
+            point[k] =
+                0.5 * scale *
+                (proxy->positions[3 * (size_t)at->a + k] + proxy->positions[3 * (size_t)at->b + k]);
+        }
+        if (pci_distance_field_sample(&contacts->field, point, &distance, gradient, &nearest) &&
+            distance < -deepest) {
+            at->distance = distance;
+        }
+    }
+}
+
 pc_status pci_contacts_create(pci_scratch *scratch, const pc_simulate_inputs *inputs, double scale,
                               double distance, double friction, pci_contacts **result) {
     const pc_scenario *scenario = inputs->scenario;
@@ -279,6 +317,9 @@ pc_status pci_contacts_create(pci_scratch *scratch, const pc_simulate_inputs *in
     contacts->now = maps + 2 * (joints + 1);
     contacts->before = maps + 3 * (joints + 1);
     contacts->inverse = maps + 4 * (joints + 1);
+    for (size_t i = 0; i < contacts->sample_count; ++i) {
+        contacts->samples[i].distance = distance;
+    }
     pc_status status = PC_OK;
     for (size_t i = 0; i < scenario->collider_count && status == PC_OK; ++i) {
         if (scenario->colliders[i].kind != PC_COLLIDER_BODY) {
@@ -287,6 +328,9 @@ pc_status pci_contacts_create(pci_scratch *scratch, const pc_simulate_inputs *in
         } else if (!contacts->has_body) {
             status = make_body(scratch, inputs, scale, contacts);
         }
+    }
+    if (status == PC_OK && contacts->has_body) {
+        tuck_samples(contacts, inputs->proxy, scale);
     }
     *result = status == PC_OK ? contacts : NULL;
     return status;
@@ -310,6 +354,19 @@ void pci_contacts_place(pci_contacts *contacts, double before, double now) {
         if (contacts->has_body) {
             (void)pci_map_invert(&contacts->now[j], &contacts->inverse[j]);
         }
+    }
+    for (size_t i = 0; i < contacts->limb_count; ++i) {
+        limb *part = &contacts->limbs[i];
+        const double *m = contacts->now[part->joint].m;
+        double middle[3], extent[3];
+        for (size_t k = 0; k < 3; ++k) {
+            middle[k] = 0.5 * (part->minimum[k] + part->maximum[k]);
+            extent[k] = 0.5 * (part->maximum[k] - part->minimum[k]);
+        }
+        pci_map_apply(&contacts->now[part->joint], middle, part->center);
+        // The norm of a matrix is at most that of all its numbers; a rotation counts sqrt(3).
+        const double stretch = sqrt(pci_dot(m, m) + pci_dot(m + 4, m + 4) + pci_dot(m + 8, m + 8));
+        part->radius = stretch * pci_norm(extent);
     }
     for (size_t i = 0; i < contacts->primitive_count; ++i) {
         primitive *p = &contacts->primitives[i];
@@ -349,6 +406,9 @@ static bool limb_distance(const pci_contacts *contacts, const limb *part, const 
                           double *distance, double normal[3], double shift[3]) {
     double rest[3], gradient[3], now[3], before[3];
     size_t nearest = 0;
+    if (pci_squared_distance(point, part->center) > part->radius * part->radius) {
+        return false;
+    }
     pci_map_apply(&contacts->inverse[part->joint], point, rest);
     for (size_t k = 0; k < 3; ++k) {
         if (!(rest[k] >= part->minimum[k] && rest[k] <= part->maximum[k])) {
@@ -388,7 +448,8 @@ double pci_contacts_depth(pci_contacts *contacts, const double point[3]) {
 // -------------------------------------------------------------------------------------
 
 static void add_contact(pci_contacts *contacts, const sample *at, const double point[3],
-                        double distance, const double normal[3], const double shift[3]) {
+                        const double start[3], double depth, double slack, const double normal[3],
+                        const double shift[3]) {
     if (contacts->contact_count == contacts->contact_capacity) {
         return; // more than four colliders at every sample: the first ones do
     }
@@ -397,32 +458,40 @@ static void add_contact(pci_contacts *contacts, const sample *at, const double p
     added->b = at->b;
     memcpy(added->normal, normal, sizeof(added->normal));
     memcpy(added->shift, shift, sizeof(added->shift));
-    added->offset = pci_dot(normal, point) - distance + contacts->distance;
+    // Where the surface is; but no farther than what undoes the motion of this substep and leaves
+    // at the leaving speed.
+    added->offset = fmin(pci_dot(normal, point) + depth,
+                         pci_dot(normal, start) + pci_dot(normal, shift) + slack);
 }
 
-// Contacts of samples nearer than `reach` to a collider.
+// Contacts of samples that are nearer to a collider than `reach` times the distance to keep.
 static void find_near(pci_contacts *contacts, const pci_cloth *cloth, double reach) {
+    const double slack = leaving_speed * cloth->time_step / (double)cloth->substeps;
     contacts->contact_count = 0;
     for (size_t s = 0; s < contacts->sample_count; ++s) {
         const sample *at = &contacts->samples[s];
+        const size_t a = 3 * (size_t)at->a, b = 3 * (size_t)at->b;
         if (!(cloth->inverse_mass[at->a] + cloth->inverse_mass[at->b] > 0.0)) {
             continue;
         }
-        double point[3], normal[3], shift[3], distance;
+        double point[3], start[3], normal[3], shift[3], distance;
         for (size_t k = 0; k < 3; ++k) {
-            point[k] = 0.5 * (cloth->positions[3 * (size_t)at->a + k] +
-                              cloth->positions[3 * (size_t)at->b + k]);
+            point[k] = 0.5 * (cloth->positions[a + k] + cloth->positions[b + k]);
+            start[k] = 0.5 * (cloth->previous[a + k] + cloth->previous[b + k]);
         }
+        const double margin = (reach - 1.0) * contacts->distance;
         for (size_t i = 0; i < contacts->primitive_count; ++i) {
             distance = capsule_distance(&contacts->primitives[i], point, normal, shift);
-            if (distance < reach) {
-                add_contact(contacts, at, point, distance, normal, shift);
+            if (distance < contacts->distance + margin) {
+                add_contact(contacts, at, point, start, contacts->distance - distance, slack,
+                            normal, shift);
             }
         }
         for (size_t i = 0; i < contacts->limb_count; ++i) {
             if (limb_distance(contacts, &contacts->limbs[i], point, &distance, normal, shift) &&
-                distance < reach) {
-                add_contact(contacts, at, point, distance, normal, shift);
+                distance < at->distance + margin) {
+                add_contact(contacts, at, point, start, at->distance - distance, slack, normal,
+                            shift);
             }
         }
     }
@@ -430,7 +499,7 @@ static void find_near(pci_contacts *contacts, const pci_cloth *cloth, double rea
 
 void pci_contacts_find(pci_contacts *contacts, const pci_cloth *cloth) {
     memset(contacts->pushes, 0, cloth->vertex_count * sizeof(double));
-    find_near(contacts, cloth, 2.0 * contacts->distance);
+    find_near(contacts, cloth, 2.0);
 }
 
 void pci_contacts_solve(const pci_contacts *contacts, pci_cloth *cloth) {
@@ -480,8 +549,8 @@ static void brake(const pci_contacts *contacts, pci_cloth *cloth, const contact 
 
 void pci_contacts_finish(pci_contacts *contacts, pci_cloth *cloth) {
     // Pushing out of one plane may push into another, and limbs are curved.
-    for (size_t round = 0; round < 3; ++round) {
-        find_near(contacts, cloth, 1.1 * contacts->distance);
+    for (size_t round = 0; round < 2; ++round) {
+        find_near(contacts, cloth, 1.1);
         pci_contacts_solve(contacts, cloth);
     }
     for (size_t i = 0; i < contacts->contact_count; ++i) {

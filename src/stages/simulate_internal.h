@@ -53,6 +53,7 @@ typedef struct pci_cloth {
     uint32_t least_substeps;
     uint32_t prepared;             // substeps for which the blocks are prepared; 0: none
     uint32_t calm_steps;           // steps since an adaptive step was last repeated
+    uint32_t wait_steps;           // steps until more substeps are tried again
     struct pci_contacts *contacts; // NULL: none
 } pci_cloth;
 

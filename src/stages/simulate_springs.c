@@ -118,8 +118,8 @@ static size_t limit_strain(pci_cloth *cloth, double limit) {
     return found;
 }
 
-// Whether the strain of more than 5 % of the edges with a free end exceeds `limit`.
-static bool is_strained(const pci_cloth *cloth, double limit) {
+// Share of the edges with a free end whose strain exceeds `limit`.
+static double strained_share(const pci_cloth *cloth, double limit) {
     size_t strained = 0, edges = 0;
     for (size_t i = 0; i < cloth->edge_block_count; ++i) {
         const pci_spring_block *block = &cloth->blocks[i];
@@ -135,7 +135,7 @@ static bool is_strained(const pci_cloth *cloth, double limit) {
             strained += squared > longest * longest || squared < shortest * shortest;
         }
     }
-    return 20 * strained > edges;
+    return edges > 0 ? (double)strained / (double)edges : 0.0;
 }
 
 // ---- steps
@@ -240,14 +240,24 @@ void pci_cloth_step(pci_cloth *cloth, const double wind[3]) {
         cloth->calm_steps = 0;
     }
     run_substeps(cloth, wind);
-    while (cloth->substeps < PCI_MOST_SUBSTEPS && is_strained(cloth, 0.8 * cloth->strain_limit)) {
+    double share = strained_share(cloth, 0.8 * cloth->strain_limit);
+    while (share > 0.05 && cloth->substeps < PCI_MOST_SUBSTEPS && cloth->wait_steps == 0) {
         memcpy(cloth->positions, cloth->saved, numbers * sizeof(double));
         memcpy(cloth->velocities, cloth->saved + numbers, numbers * sizeof(double));
         cloth->substeps =
             2 * cloth->substeps < PCI_MOST_SUBSTEPS ? 2 * cloth->substeps : PCI_MOST_SUBSTEPS;
         cloth->calm_steps = 0;
         run_substeps(cloth, wind);
+        const double left = strained_share(cloth, 0.8 * cloth->strain_limit);
+        if (left > 0.75 * share && left > 0.05) {
+            // Pins or colliders force the strain: more substeps do not help for a while.
+            cloth->substeps = cloth->substeps / 2 > cloth->least_substeps ? cloth->substeps / 2
+                                                                          : cloth->least_substeps;
+            cloth->wait_steps = (uint32_t)ceil(0.5 / cloth->time_step);
+        }
+        share = left;
     }
+    cloth->wait_steps -= cloth->wait_steps > 0;
     ++cloth->calm_steps;
 }
 

@@ -49,6 +49,10 @@ expect 2 "command is missing"
 expect 2 'no command "bild"; did you mean build' bild
 expect 2 'no command "xyzzy"; see' xyzzy
 expect 2 "an input is missing" build
+expect 2 "an input is missing" evaluate cloth.obj
+expect 2 "no option --motion" build cloth.obj --motion
+expect 2 "crossing_frames = 100001 is out of range" evaluate --motion a.h5 --crossing-frames 100001
+expect 3 "cloth.obj: this is no asset file" evaluate --motion cloth.obj
 expect 2 "-o OUTDIR is missing" build cloth.obj
 expect 2 "-o ASSET is missing" voxelize cloth.obj
 expect 2 "one argument too many" info cloth.obj cloth.obj
@@ -58,7 +62,7 @@ expect 2 "no option -x" build cloth.obj -x
 expect 2 "--voxels: a value is missing" build cloth.obj -o out --voxels
 expect 2 "voxels = 1 is out of range, it must be between 4 and 1024" \
     build cloth.obj -o out --voxels 1
-expect 2 'voxels = "many" is not a whole number' build cloth.obj -o out --voxels many
+expect 2 'voxels = "many" is not a whole number or auto' build cloth.obj -o out --voxels many
 expect 2 'voxels = "32x" is not' build cloth.obj -o out --voxels=32x
 expect 2 "lambda_smooth = -1 is out of range" build cloth.obj -o out --lambda-smooth -1
 expect 2 "lambda_smooth = \"nan\"" build cloth.obj -o out --lambda-smooth nan
@@ -133,6 +137,7 @@ expect 4 "missing/out.h5" voxelize cloth.obj -o missing/out.h5
 expect 3 "cloth.h5: stage isosurface has not run yet" label cloth.h5
 expect 3 "cloth.h5: stage isosurface has not run yet" export cloth.h5 -o out
 expect 3 "cloth.h5: the asset has no proxy yet" evaluate cloth.h5 cloth.h5
+expect 3 "cloth.h5: the asset has no proxy yet" evaluate --motion cloth.h5
 head -c 1000 cloth.h5 >short.h5
 expect 3 "short.h5.*cut off" info short.h5
 (cat cloth.h5; printf x) >long.h5
@@ -201,7 +206,7 @@ answer "^proxycloth [0-9]+\.[0-9]+\.[0-9]+$" version
 answer "^proxycloth [0-9]+\.[0-9]+\.[0-9]+$" --version
 answer "simplify +single-layer" help
 answer "130  interrupted" --help
-answer "--voxels NUMBER .*default 32; 4..1024" help build
+answer "--voxels NUMBER .*default 32; auto, 4..1024" help build
 answer "--carve, --no-carve" build --help
 answer "usage: proxycloth label" label -h
 answer '"sheet" .* 4 +2 +1 x 1 x 0' info cloth.obj

@@ -185,7 +185,7 @@ bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *pr
 }
 
 void pci_skin_alternation_follow(pci_skin_alternation *a, const pc_mesh *proxy,
-                                 const pci_closest *closest) {
+                                 const pc_skin *followed) {
     const pci_skin_problem *p = a->frames.problem;
     double squares = 0.0;
     for (size_t k = 0; k < 3 * proxy->triangle_count; ++k) {
@@ -194,13 +194,14 @@ void pci_skin_alternation_follow(pci_skin_alternation *a, const pc_mesh *proxy,
         squares += pci_squared_distance(&proxy->positions[3 * i], &proxy->positions[3 * j]);
     }
     a->spacing = squares / (3.0 * (double)proxy->triangle_count);
+    const size_t slots = followed->influences;
     for (size_t v = 0; v < p->vertex_count; ++v) {
-        const uint32_t *corners = &proxy->triangles[3 * (size_t)closest[v].triangle];
         for (size_t k = v * p->slots; k < (v + 1) * p->slots; ++k) {
             const double *row = &a->gram[p->proxy_count * p->bones[k]];
-            a->targets[k] = closest[v].barycentric[0] * row[corners[0]] +
-                            closest[v].barycentric[1] * row[corners[1]] +
-                            closest[v].barycentric[2] * row[corners[2]];
+            a->targets[k] = 0.0;
+            for (size_t l = v * slots; l < (v + 1) * slots; ++l) {
+                a->targets[k] += followed->weights[l] * row[followed->bones[l]];
+            }
         }
     }
 }

@@ -135,7 +135,7 @@ static const double lambda_all[4] = {1.0, 1.0, 0.1, 0.0};
 typedef struct solver {
     fixture f;
     pc_motion motion;
-    pci_closest *closest;
+    pc_skin followed;
     pci_skin_alternation a;
 } solver;
 
@@ -143,20 +143,20 @@ static void open_solver(const char *name, uint32_t frames, uint32_t threads, dou
                         solver *s) {
     load_fixture(name, threads, &s->f);
     memset(&s->motion, 0, sizeof(s->motion));
+    memset(&s->followed, 0, sizeof(s->followed));
     make_motion(s->f.context, &s->f.proxy, frames, 1, &s->motion);
     s->f.problem.frame_count = frames;
     s->f.problem.frames = s->motion.positions;
-    s->closest = calloc(s->f.problem.vertex_count, sizeof(*s->closest));
-    assert_ok(s->f.context,
-              pci_skin_closest_points(s->f.context, &s->f.visual, &s->f.proxy, s->closest));
     assert_true(
         pci_skin_alternation_build(&s->f.scratch, &s->f.problem, pci_skin_kernel_double(), &s->a));
-    pci_skin_alternation_follow(&s->a, &s->f.proxy, s->closest);
+    assert_ok(s->f.context,
+              pc_skin_closest_triangle(s->f.context, &s->f.visual, &s->f.proxy, &s->followed));
+    pci_skin_alternation_follow(&s->a, &s->f.proxy, &s->followed);
     assert_true(pci_skin_alternation_weigh(&s->f.scratch, &s->a, lambda_all, follow));
 }
 
 static void close_solver(solver *s) {
-    free(s->closest);
+    pc_skin_free(s->f.context, &s->followed);
     pc_motion_free(s->f.context, &s->motion);
     free_fixture(&s->f);
 }
@@ -416,7 +416,6 @@ static void stops_at_a_stationary_point(void **state) {
         assert_ok(f->context,
                   pci_skin_gradient(f->context, p, pci_skin_kernel_double(), weights, scale, g));
         for (size_t v = 0; v < p->vertex_count; ++v) {
-            const uint32_t *corners = &f->proxy.triangles[3 * (size_t)s.closest[v].triangle];
             double lowest = INFINITY, gap = 0.0;
             for (size_t k = v * p->slots; k < (v + 1) * p->slots; ++k) {
                 // dL_f / dw, frame by frame.
@@ -429,8 +428,8 @@ static void stops_at_a_stationary_point(void **state) {
                         error += weights[l] * (frame[at] - p->proxy_rest[at]);
                     }
                     for (size_t l = 0; l < 3; ++l) {
-                        const size_t at = 3 * (size_t)corners[l] + c;
-                        error -= s.closest[v].barycentric[l] * (frame[at] - p->proxy_rest[at]);
+                        const size_t at = 3 * (size_t)s.followed.bones[3 * v + l] + c;
+                        error -= s.followed.weights[3 * v + l] * (frame[at] - p->proxy_rest[at]);
                     }
                     const size_t at = 3 * (size_t)p->bones[k] + c;
                     g[k] += 2.0 * s.a.follow[v] * error * (frame[at] - p->proxy_rest[at]);
@@ -552,10 +551,10 @@ static void follows_the_proxy(void **state) {
     for (size_t i = 0; i < 2; ++i) {
         fixture f;
         load_fixture(moving_names[i], 1, &f);
-        const double without = motion_ratio(&f, 0.0), with = motion_ratio(&f, 1.0);
-        assert_true(with < 1.02 && without < with);
-        assert_true(with > (i == 0 ? 0.97 : 0.94));
-        assert_true(motion_ratio(&f, 10.0) > 0.97);
+        const double without = motion_ratio(&f, 0.0), with = motion_ratio(&f, 2.0);
+        assert_true(with < 1.02 && without + 0.05 < with);
+        assert_true(with > (i == 0 ? 0.97 : 0.9));
+        assert_true(motion_ratio(&f, 50.0) > with);
         free_fixture(&f);
     }
 }

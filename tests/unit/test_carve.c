@@ -83,6 +83,7 @@ static void fills_short_holes_only(void **state) {
     }
     pc_carve_options options;
     pc_record_set_defaults(&pc_carve_options_record, &options);
+    options.layer_source = PC_LAYER_LABELS;
     pc_carve_report report = {0};
     options.fill_loops = 0;
     assert_ok(context, pc_carve(context, &tube, &tube, &labels, 0.5, &options, &layer, &report));
@@ -121,6 +122,7 @@ static void drops_small_parts(void **state) {
     pc_labels labels = make_labels(context, both.vertex_count, 1);
     pc_carve_options options;
     pc_record_set_defaults(&pc_carve_options_record, &options);
+    options.layer_source = PC_LAYER_LABELS;
     pc_carve_report report = {0};
     assert_ok(context, pc_carve(context, &big, &both, &labels, 0.1, &options, &layer, &report));
     check_layer(context, &layer, &report);
@@ -155,6 +157,7 @@ static void survives_random_labels(void **state) {
         }
         pc_carve_options options;
         pc_record_set_defaults(&pc_carve_options_record, &options);
+        options.layer_source = PC_LAYER_LABELS;
         options.smallest_part = pci_random(seed, 3, 0) < 0.5 ? 0.0 : 0.05;
         options.fill_loops = seed % 3 == 0 ? 1000 : 12;
         options.carve = seed % 5 == 0;
@@ -195,6 +198,7 @@ static void carves_the_gap_between_sheets(void **state) {
     pc_labels labels = make_labels(context, bridged.vertex_count, 1);
     pc_carve_options options;
     pc_record_set_defaults(&pc_carve_options_record, &options);
+    options.layer_source = PC_LAYER_LABELS;
     pc_carve_report report = {0};
     assert_ok(context,
               pc_carve(context, &visual, &bridged, &labels, 0.25, &options, &layer, &report));
@@ -281,6 +285,7 @@ static void keeps_webs(void **state) {
 
     pc_carve_options options;
     pc_record_set_defaults(&pc_carve_options_record, &options);
+    options.layer_source = PC_LAYER_LABELS;
     options.carve = true;
     assert_ok(context, pc_carve(context, &visual, &skin, &labels, 1.0, &options, &layer, &report));
     check_layer(context, &layer, &report);
@@ -306,6 +311,7 @@ static void refines_triangles_without_area(void **state) {
     pc_labels labels = make_labels(context, squeezed.vertex_count, 1);
     pc_carve_options options;
     pc_record_set_defaults(&pc_carve_options_record, &options);
+    options.layer_source = PC_LAYER_LABELS;
     options.carve = true;
     options.carve_distance = pc_record_find(&pc_carve_options_record, "carve_distance")->minimum;
     pc_carve_report report = {0};
@@ -332,6 +338,7 @@ static void survives_lack_of_memory(void **state) {
     }
     pc_carve_options options;
     pc_record_set_defaults(&pc_carve_options_record, &options);
+    options.layer_source = PC_LAYER_LABELS;
     options.carve = true;
     const size_t live = counter.live;
     size_t failures = 0;
@@ -368,6 +375,7 @@ static void is_deterministic(void **state) {
         pc_mesh visual = test_sheet(context, 9, 9, 1.0, 1.0);
         pc_carve_options options;
         pc_record_set_defaults(&pc_carve_options_record, &options);
+        options.layer_source = PC_LAYER_LABELS;
         options.carve = true;
         options.carve_distance = 2.0;
         assert_ok(context, pc_carve(context, &visual, &ball, &labels, 0.2, &options, &layer, NULL));
@@ -419,6 +427,7 @@ static void rejects_bad_arguments(void **state) {
                      PC_ERROR_INVALID_ARGUMENT);
     pc_carve_options options;
     pc_record_set_defaults(&pc_carve_options_record, &options);
+    options.layer_source = PC_LAYER_LABELS;
     options.smallest_part = 2.0;
     assert_int_equal(pc_carve(context, &sheet, &sheet, &labels, 1.0, &options, &layer, NULL),
                      PC_ERROR_INVALID_OPTIONS);

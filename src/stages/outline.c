@@ -22,6 +22,8 @@ enum { sectors = 12, least_framed = 9 };
 static const double widest = 3.0;
 // The second pass looks so far around what the first one found, in voxels.
 static const double beyond = 0.5;
+// The distance where nobody asks: no triangle is refined for it.
+static const double out_of_focus = -1e30;
 // Membranes that are tested for holding the layer together.
 enum { most_tests = 64 };
 static const double pi = 3.14159265358979323846;
@@ -37,14 +39,14 @@ typedef struct outline {
 } outline;
 
 // How far the nearest point of the visual mesh lies beside a point of the layer: the distance
-// without its share along the normal. 0 out of focus.
+// without its share along the normal.
 static double distance_beside(const outline *o, const double point[3], const double normal[3]) {
     if (o->focus != NULL) {
         uint32_t nearest;
         double square;
         if (pci_knn_query(o->focus, point, 1, PC_INVALID_INDEX, &nearest, &square) == 0 ||
             square > o->reach * o->reach) {
-            return 0.0;
+            return out_of_focus;
         }
     }
     const pci_closest closest = pci_bvh_closest(o->visual, point, INFINITY);
@@ -136,7 +138,7 @@ static bool refine_outline(outline *o, double threshold, double shortest) {
                 return false;
             }
             const double longest = edge_length(mesh, longest_edge(mesh, t));
-            double nearest = INFINITY, farthest = 0.0;
+            double nearest = INFINITY, farthest = -INFINITY;
             for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
                 nearest = fmin(nearest, o->distances[pci_origin(mesh, h)]);
                 farthest = fmax(farthest, o->distances[pci_origin(mesh, h)]);

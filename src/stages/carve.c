@@ -263,6 +263,9 @@ static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface,
         status = pci_visual_layer(scratch, stage, surface, cell_size, always, &visual, &layering,
                                   &filled);
     }
+    if (status == PC_OK && !pci_progress(scratch->context, stage, 0.2)) {
+        status = pci_fail_cancelled(scratch->context, stage);
+    }
     if (status == PC_OK && (always || layering == PCI_PLAIN)) {
         return take_visual(scratch, surface, cell_size, &visual, filled, layer, report);
     }

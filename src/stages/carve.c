@@ -5,6 +5,7 @@
 #include "core/manifold.h"
 #include "core/rim.h"
 #include "core/topology.h"
+#include "stages/border.h"
 #include "stages/loops.h"
 #include "stages/outline.h"
 #include "stages/visual_layer.h"
@@ -23,10 +24,12 @@ static const pc_field option_fields[] = {
         "epsilon_carved: surface farther than this beside the visual mesh is cut away"),
     PCI_FIELD_OPTION(
         pc_carve_options, smallest_part, DOUBLE, 0.05, 0.0, 1.0, "",
-        "Parts below this share of the largest part's area, and within 4 voxels of larger "
+        "Parts below this share of the largest part's area, and within 2 voxels of larger "
         "ones, are dropped"),
     PCI_FIELD_OPTION(pc_carve_options, fill_loops, UINT, 12, 0, 1000, "edges",
                      "Boundary loops up to this length are filled"),
+    PCI_FIELD_OPTION(pc_carve_options, snap_border, BOOL, 1, 0, 1, "",
+                     "Move the border onto the garment's hems within 1.5 voxels"),
 };
 const pc_record pc_carve_options_record = PCI_RECORD(option_fields, pc_carve_options);
 
@@ -232,6 +235,9 @@ static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *surface,
     }
     if (status == PC_OK) {
         status = cut(scratch, visual, &rims, cell_size, options, layer, report);
+    }
+    if (status == PC_OK && options->snap_border) {
+        status = pci_snap_border(scratch->context, stage, surface, visual, cell_size, layer);
     }
     pci_bvh_destroy(scratch->context, visual);
     report->source = PC_LAYER_LABELS;

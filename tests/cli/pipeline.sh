@@ -123,6 +123,19 @@ grep -q ' bones' stdout || fail "no skin in the GLB"
 run 0 evaluate outfit.obj a/b/out/outfit.proxy.obj
 run 0 evaluate skinned.h5 skinned.h5
 
+# Weights in another wind: the asset's, the same out of its GLB, and those without optimisation; the
+# same on any number of threads.
+run 0 evaluate --motion skinned.h5 a/b/out/outfit.glb --threads 1
+[ "$(grep -Ec '^(asset|outfit.glb|inverse|closest|heat)' stdout)" -eq 5 ] || fail "rows of --motion"
+asset=$(sed -n 's/^asset *//p' stdout)
+[ "$asset" = "$(sed -n 's/^outfit.glb *//p' stdout)" ] || fail "the GLB has other weights"
+run 0 evaluate --motion skinned.h5 --json --threads 1
+cp stdout motion.json
+run 0 evaluate --motion skinned.h5 --json --threads 3
+same stdout motion.json
+run 0 evaluate --motion skinned.h5 --wind-seed 1
+grep -q 'made in the wind of seed 1' stderr || fail "no warning about a wind that was seen"
+
 # --mesh takes the named part only.
 run 0 voxelize outfit.obj -o auto.h5 --voxels auto
 run 0 info auto.h5

@@ -154,7 +154,7 @@ for stage in isosurface project graph label; do
 done
 cp cloth.h5 unlabelled.h5
 "$alter_asset" unlabelled unlabelled.h5 2>stderr || fail "alter_asset unlabelled"
-expect 1 "unlabelled.h5.*no triangle is left" carve unlabelled.h5
+expect 1 "unlabelled.h5.*no triangle is left" carve unlabelled.h5 --layer-source labels
 
 # Limits of the import child: time, and memory (or the crash that follows).
 awk 'BEGIN {

@@ -19,6 +19,8 @@ static const pc_field settings_fields[] = {
     SETTING(import_seconds, DOUBLE, 60, 0.01, 86400, "s", "Time that reading a file may take"),
     SETTING(png, BOOL, 1, 0, 1, "", "Write the contact sheet NAME.png"),
     SETTING(json, BOOL, 0, 0, 1, "", "Print JSON"),
+    SETTING(motion, BOOL, 0, 0, 1, "",
+            "Measure the weights of an asset on a wind they have not seen"),
     SETTING(quiet, BOOL, 0, 0, 1, "", "Print errors only"),
     SETTING(verbose, BOOL, 0, 0, 1, "", "Print more about each stage"),
 };
@@ -35,6 +37,8 @@ static bool accepts_setting(const cli_command *command, const pc_field *field) {
         return (command->accepts & CLI_MESH) != 0;
     case offsetof(cli_settings, json):
         return (command->accepts & CLI_JSON) != 0;
+    case offsetof(cli_settings, motion):
+        return (command->accepts & CLI_MOTION) != 0;
     case offsetof(cli_settings, png):
         return (command->accepts & CLI_PNG) != 0;
     default:
@@ -105,6 +109,9 @@ static int unknown_option(const cli_command *command, const char *name, const ch
     if ((command->accepts & CLI_NAME) != 0) {
         cli_guess_add(&guess, "name");
     }
+    if ((command->accepts & CLI_SCENARIO) != 0) {
+        cli_guess_add(&guess, "scenario");
+    }
     if (guess.best[0] != '\0') {
         return cli_fail(command->name, CLI_USAGE, "no option --%s%s; did you mean --%s%s?", no,
                         name, no, guess.best);
@@ -165,7 +172,9 @@ static int match_text(const cli_command *command, cli_arguments *arguments, flag
                         (command->accepts & (CLI_OUTPUT_FILE | CLI_OUTPUT_FOLDER)) != 0;
     const bool name = strcmp(flag->name, "name") == 0 && (command->accepts & CLI_NAME) != 0;
     const bool mesh = strcmp(flag->name, "mesh") == 0 && (command->accepts & CLI_MESH) != 0;
-    if ((!output && !name && !mesh) || flag->negated) {
+    const bool scenario =
+        strcmp(flag->name, "scenario") == 0 && (command->accepts & CLI_SCENARIO) != 0;
+    if ((!output && !name && !mesh && !scenario) || flag->negated) {
         return CLI_OK;
     }
     flag->known = true;
@@ -177,6 +186,8 @@ static int match_text(const cli_command *command, cli_arguments *arguments, flag
         arguments->output = text;
     } else if (name) {
         arguments->name = text;
+    } else if (scenario) {
+        arguments->scenario = text;
     } else {
         arguments->patterns[arguments->pattern_count++] = text;
     }
@@ -237,6 +248,10 @@ static int match_flag(const cli_command *command, pc_context *context, cli_argum
         code = match_record(command, context, "option", &cli_settings_record, &arguments->settings,
                             flag);
     }
+    if (code == CLI_OK && (command->accepts & CLI_MOTION) != 0) {
+        code = match_record(command, context, "option", &pc_evaluate_motion_options_record,
+                            &arguments->motion, flag);
+    }
     // Several stages may share a name (--seed): all of them are set.
     for (pc_stage stage = 0; stage < PC_STAGE_COUNT && code == CLI_OK; ++stage) {
         const pc_stage_info *info = pc_stage_describe(stage);
@@ -283,6 +298,27 @@ static bool split_flag(const char *word, const char *next, flag_word *result) {
     return true;
 }
 
+// Options of the scenario file, wherever its flag stands: the other flags override them.
+static int read_scenario_options(const cli_command *command, pc_context *context, int count,
+                                 char **words, cli_arguments *arguments) {
+    const char *path = NULL;
+    for (int i = 0; i < count && strcmp(words[i], "--") != 0; ++i) {
+        if (strcmp(words[i], "--scenario") == 0 && i + 1 < count) {
+            path = words[i + 1];
+        } else if (strncmp(words[i], "--scenario=", strlen("--scenario=")) == 0) {
+            path = words[i] + strlen("--scenario=");
+        }
+    }
+    if (path == NULL || (command->accepts & CLI_SCENARIO) == 0) {
+        return CLI_OK;
+    }
+    pc_scenario scenario = {0};
+    const pc_status status =
+        pc_scenario_read(context, path, &arguments->options.simulate, &scenario);
+    pc_scenario_free(context, &scenario);
+    return status == PC_OK ? CLI_OK : cli_fail_status(command->name, context, status, path, false);
+}
+
 static int parse_words(const cli_command *command, pc_context *context, int count, char **words,
                        cli_arguments *arguments) {
     bool flags_end = false;
@@ -327,6 +363,7 @@ int cli_parse(const cli_command *command, int count, char **words, cli_arguments
     memset(arguments, 0, sizeof(*arguments));
     arguments->options = pc_default_options();
     pc_record_set_defaults(&cli_settings_record, &arguments->settings);
+    pc_record_set_defaults(&pc_evaluate_motion_options_record, &arguments->motion);
     arguments->patterns = calloc((size_t)count + 1, sizeof(*arguments->patterns));
     // One thread: the parsing context must not start any (files are imported in a fork).
     const pc_context_options options = {.threads = 1};
@@ -335,7 +372,10 @@ int cli_parse(const cli_command *command, int count, char **words, cli_arguments
     if (arguments->patterns == NULL || pc_context_create(&options, &context) != PC_OK) {
         code = cli_fail(command->name, CLI_FAILED, "memory ran out");
     } else {
-        code = parse_words(command, context, count, words, arguments);
+        code = read_scenario_options(command, context, count, words, arguments);
+        if (code == CLI_OK) {
+            code = parse_words(command, context, count, words, arguments);
+        }
     }
     pc_context_destroy(context);
     return code;

@@ -26,6 +26,7 @@ typedef struct cli_settings {
     double import_seconds;
     bool png;
     bool json;
+    bool motion;
     bool quiet;
     bool verbose;
 } cli_settings;
@@ -39,7 +40,9 @@ typedef enum cli_accepts {
     CLI_NAME = 1 << 2,          // --name
     CLI_MESH = 1 << 3,          // --mesh, --import-memory, --import-seconds
     CLI_JSON = 1 << 4,          // --json
-    CLI_PNG = 1 << 5            // --png
+    CLI_PNG = 1 << 5,           // --png
+    CLI_MOTION = 1 << 6,        // --motion and its options
+    CLI_SCENARIO = 1 << 7       // --scenario
 } cli_accepts;
 
 enum { CLI_MAXIMUM_LEVELS = 16 };
@@ -47,13 +50,15 @@ enum { CLI_MAXIMUM_LEVELS = 16 };
 typedef struct cli_arguments {
     const char *inputs[2];
     size_t input_count;
-    const char *output; // NULL: not given
-    const char *name;   // NULL: not given
+    const char *output;   // NULL: not given
+    const char *name;     // NULL: not given
+    const char *scenario; // file; its options are in `options`, flags override them
     const char **patterns;
     size_t pattern_count;
     bool help;
     cli_settings settings;
     pc_options options;
+    pc_evaluate_motion_options motion;
     uint32_t levels[CLI_MAXIMUM_LEVELS]; // --vertices 64,128: one result each
     size_t level_count;                  // 0: one result, options.simplify.vertices
 } cli_arguments;
@@ -97,6 +102,8 @@ int cli_run_stage(const cli_command *command, cli_arguments *arguments);
 int cli_run_export(const cli_command *command, cli_arguments *arguments);
 int cli_run_info(const cli_command *command, cli_arguments *arguments);
 int cli_run_evaluate(const cli_command *command, cli_arguments *arguments);
+// evaluate --motion
+int cli_evaluate_motion(const cli_command *command, const cli_arguments *arguments);
 
 // ---- messages ---------------------------------------------------------------------------------
 
@@ -151,6 +158,10 @@ int cli_name_level(const cli_command *command, const char *base, uint32_t vertic
 // Loads an asset file.
 int cli_load_asset(const cli_command *command, pc_context *context, const char *path,
                    pc_asset *asset);
+
+// Reads the scenario of --scenario, or leaves the paper's, in place of what the asset has.
+int cli_load_scenario(const cli_command *command, const cli_arguments *arguments,
+                      pc_context *context, pc_asset *asset);
 
 // ---- output -------------------------------------------------------------------------------------
 

@@ -80,8 +80,18 @@ void cli_print_help(const cli_command *command) {
         print_setting("import_seconds");
         print_setting("import_memory");
     }
+    if ((command->accepts & CLI_SCENARIO) != 0) {
+        print_line("--scenario FILE.json", "What the proxy goes through: winds, pins, attachment,",
+                   "colliders");
+    }
     if ((command->accepts & CLI_PNG) != 0) {
         print_setting("png");
+    }
+    if ((command->accepts & CLI_MOTION) != 0) {
+        print_setting("motion");
+        for (size_t i = 0; i < pc_evaluate_motion_options_record.field_count; ++i) {
+            print_field(&pc_evaluate_motion_options_record.fields[i]);
+        }
     }
     if ((command->accepts & CLI_JSON) != 0) {
         print_setting("json");

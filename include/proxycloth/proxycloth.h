@@ -25,8 +25,10 @@
 #define PROXYCLOTH_PROXYCLOTH_H
 
 #include "proxycloth/base.h"
+#include "proxycloth/character.h"
 #include "proxycloth/mesh.h"
 #include "proxycloth/options.h"
+#include "proxycloth/scenario.h"
 
 #include "proxycloth/carve.h"
 #include "proxycloth/graph.h"
@@ -41,8 +43,10 @@
 #include "proxycloth/pipeline.h"
 
 #include "proxycloth/asset_file.h"
+#include "proxycloth/baselines.h"
 #include "proxycloth/deform.h"
 #include "proxycloth/evaluate.h"
+#include "proxycloth/evaluate_motion.h"
 #include "proxycloth/export.h"
 
 #endif

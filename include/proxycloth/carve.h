@@ -11,10 +11,13 @@
 /// less than 3 voxels around filled, when each of its parts has a border, no two parts come within
 /// a voxel of each other, every visual vertex is within a voxel of it, and
 /// - at most 2 % of its area sees another sheet within a voxel, or
-/// - it is folded: at most 15 % sees a back behind it within a voxel, no more than 5 % more than
-/// see
-///   a front before them (a lining shows backs only), and the labels give another number of
-///   components or loops, or leave 1 % of its vertices more than 2 voxels away.
+/// - it is folded: at most 15 % sees a back behind it within a voxel, no more than 5 % more
+///   than see a front before them (a lining shows backs only), and the labels give another number
+///   of components or loops, or leave 1 % of its vertices more than 2 voxels away.
+///
+/// The border of the layer follows the voxels; with `snap_border` it is moved onto the garment's
+/// hems within 1.5 voxels (edges of one triangle with no other cloth in front), and the surface
+/// behind it follows. Straps of few voxels stay as they are.
 ///
 /// Openings narrower than two voxels (cuffs, a neckline, the foot of a leg) are closed in the
 /// iso-surface. Always on: a part of the layer that leaves the visual mesh sideways by more than
@@ -24,10 +27,6 @@
 ///
 /// With `carve` on, everything farther than `carve_distance` beside the visual mesh is cut away
 /// (section 5.1), so that separate parts can move freely.
-///
-/// The border of the layer follows the voxels; with `snap_border` it is moved onto the garment's
-/// hems within 1.5 voxels (edges of one triangle with no other cloth in front), and the surface
-/// behind it follows. Straps of few voxels stay as they are.
 ///
 /// DEVIATION: the distance is not geodesic; it is the share along the surface of the straight
 /// distance to the nearest point of the visual mesh. The two agree up to gaps of a few voxels, and
@@ -54,9 +53,9 @@ typedef struct pc_carve_options {
     uint32_t layer_source; ///< pc_layer_source
     bool carve;            ///< also cut what bridges two surfaces (section 5.1)
     double carve_distance; ///< epsilon_carved, in voxels; regions that reach 1.2 times as far count
-    double smallest_part;  ///< of the largest part's area; smaller ones near larger ones are dropped
-    uint32_t fill_loops;   ///< boundary loops of at most this many edges are filled
-    bool snap_border;      ///< move the border onto the garment's hems
+    double smallest_part; ///< of the largest part's area; smaller ones near larger ones are dropped
+    uint32_t fill_loops;  ///< boundary loops of at most this many edges are filled
+    bool snap_border;     ///< move the border onto the garment's hems
 } pc_carve_options;
 
 typedef struct pc_carve_report {

@@ -230,14 +230,14 @@ static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *surface,
     if (status == PC_OK) {
         status = extract(scratch, projected, labels, cell_size, options, layer, report);
     }
+    if (status == PC_OK && options->snap_border) {
+        status = pci_snap_border(scratch->context, stage, surface, visual, cell_size, layer);
+    }
     if (status == PC_OK) {
         status = find_rims(scratch, surface, visual, cell_size, &rims);
     }
     if (status == PC_OK) {
         status = cut(scratch, visual, &rims, cell_size, options, layer, report);
-    }
-    if (status == PC_OK && options->snap_border) {
-        status = pci_snap_border(scratch->context, stage, surface, visual, cell_size, layer);
     }
     pci_bvh_destroy(scratch->context, visual);
     report->source = PC_LAYER_LABELS;

@@ -183,10 +183,57 @@ static int match_text(const cli_command *command, cli_arguments *arguments, flag
     return CLI_OK;
 }
 
+// --vertices 64,128,512: several proxies from one single layer.
+static int match_levels(const cli_command *command, pc_context *context, cli_arguments *arguments,
+                        flag_word *flag) {
+    const char *text = flag->value != NULL ? flag->value : flag->next;
+    if (strcmp(flag->name, "vertices") != 0 || flag->negated ||
+        (command->stages & 1u << PC_STAGE_SIMPLIFY) == 0) {
+        return CLI_OK;
+    }
+    arguments->level_count = 0;
+    if (text == NULL || strchr(text, ',') == NULL) {
+        return CLI_OK;
+    }
+    text = take_value(flag);
+    flag->known = true;
+    const pc_field *field = pc_record_find(&pc_simplify_options_record, flag->name);
+    for (const char *at = text; at != NULL;) {
+        char item[32] = {0};
+        const size_t length = strcspn(at, ",");
+        memcpy(item, at, length < sizeof(item) ? length : sizeof(item) - 1);
+        if (pc_field_set_text(context, "simplify", field, &arguments->options.simplify, item) !=
+            PC_OK) {
+            return cli_fail(command->name, CLI_USAGE, "--vertices: %s",
+                            pc_context_error(context)->message);
+        }
+        const uint32_t level = arguments->options.simplify.vertices;
+        for (size_t i = 0; i < arguments->level_count; ++i) {
+            if (arguments->levels[i] == level) {
+                return cli_fail(command->name, CLI_USAGE, "--vertices: %u is given twice",
+                                (unsigned)level);
+            }
+        }
+        if (arguments->level_count == CLI_MAXIMUM_LEVELS) {
+            return cli_fail(command->name, CLI_USAGE, "--vertices: more than %d levels",
+                            CLI_MAXIMUM_LEVELS);
+        }
+        arguments->levels[arguments->level_count++] = level;
+        at = at[length] == ',' ? at + length + 1 : NULL;
+    }
+    return CLI_OK;
+}
+
 static int match_flag(const cli_command *command, pc_context *context, cli_arguments *arguments,
                       flag_word *flag) {
     int code = match_text(command, arguments, flag);
     if (code == CLI_OK && !flag->known) {
+        code = match_levels(command, context, arguments, flag);
+    }
+    if (flag->known) {
+        return code;
+    }
+    if (code == CLI_OK) {
         code = match_record(command, context, "option", &cli_settings_record, &arguments->settings,
                             flag);
     }

@@ -42,6 +42,8 @@ typedef enum cli_accepts {
     CLI_PNG = 1 << 5            // --png
 } cli_accepts;
 
+enum { CLI_MAXIMUM_LEVELS = 16 };
+
 typedef struct cli_arguments {
     const char *inputs[2];
     size_t input_count;
@@ -52,6 +54,8 @@ typedef struct cli_arguments {
     bool help;
     cli_settings settings;
     pc_options options;
+    uint32_t levels[CLI_MAXIMUM_LEVELS]; // --vertices 64,128: one result each
+    size_t level_count;                  // 0: one result, options.simplify.vertices
 } cli_arguments;
 
 typedef struct cli_command {
@@ -140,6 +144,10 @@ int cli_input_kind(const char *command, const char *path, cli_kind *kind);
 int cli_garment_name(const cli_command *command, const cli_arguments *arguments,
                      char name[sizeof(((pc_asset *)NULL)->name)]);
 
+// Appends ".lod64" to the name of an asset. Prints the message when it gets too long.
+int cli_name_level(const cli_command *command, const char *base, uint32_t vertices,
+                   char name[sizeof(((pc_asset *)NULL)->name)]);
+
 // Loads an asset file.
 int cli_load_asset(const cli_command *command, pc_context *context, const char *path,
                    pc_asset *asset);
@@ -153,8 +161,8 @@ typedef struct cli_output {
     char *staging; // one of `made`
     char **made;   // folders that this run made, innermost first; NULL-terminated
     size_t made_count;
-    char *names[8];
-    size_t name_count;
+    char **names;
+    size_t name_count, name_capacity;
 } cli_output;
 
 int cli_output_begin(const cli_command *command, const char *folder, cli_output *output);

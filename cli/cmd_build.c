@@ -38,6 +38,14 @@ static pc_status write_file(pc_context *context, result_file file, const pc_asse
     return PC_ERROR_INTERNAL;
 }
 
+// Warnings of a report; in a series they say which level.
+static void warn(const cli_command *command, const cli_arguments *arguments, const pc_asset *asset,
+                 const char *stage, const pc_record *record, const void *report) {
+    char place[sizeof(asset->name) + 32];
+    snprintf(place, sizeof(place), "%s: %s", asset->name, stage);
+    cli_warn_report(command->name, arguments->level_count > 0 ? place : stage, record, report);
+}
+
 int cli_export_files(const cli_command *command, const cli_arguments *arguments,
                      pc_context *context, const pc_asset *asset, const pc_timings *timings,
                      bool with_asset, cli_output *output) {
@@ -65,51 +73,108 @@ int cli_export_files(const cli_command *command, const cli_arguments *arguments,
             return cli_fail_status(command->name, context, status, NULL, true);
         }
     }
-    cli_warn_report(command->name, "evaluate", &pc_measures_record, &measures);
+    warn(command, arguments, asset, "evaluate", &pc_measures_record, &measures);
     return CLI_OK;
 }
 
-static void print_summary(const cli_command *command, const cli_arguments *arguments,
-                          const pc_asset *asset, const pc_timings *timings) {
-    cli_warn_report(command->name, "visual", &pc_visual_report_record, &asset->reports.visual);
-    for (pc_stage stage = 0; stage < PC_STAGE_COUNT; ++stage) {
+// One finished level, for the lines at the end.
+typedef struct level {
+    char name[sizeof(((pc_asset *)NULL)->name)];
+    size_t vertices, triangles;
+} level;
+
+// One garment on its way to its files: one proxy, or a series of levels of detail.
+typedef struct garment {
+    const cli_command *command;
+    const cli_arguments *arguments;
+    pc_context *context;
+    cli_output *output;
+    pc_timings timings;
+    level levels[CLI_MAXIMUM_LEVELS];
+    size_t level_count;
+} garment;
+
+static void warn_about_stages(const garment *g, const pc_asset *asset, pc_stage first,
+                              pc_stage end) {
+    for (pc_stage stage = first; stage < end; ++stage) {
         const pc_stage_info *info = pc_stage_describe(stage);
-        cli_warn_report(command->name, info->name, info->report,
-                        (const char *)&asset->reports + info->report_offset);
-        if (arguments->settings.verbose && timings != NULL) {
-            fprintf(stderr, "proxycloth %s: note: %s: %.2f s\n", command->name, info->name,
-                    timings->seconds[stage]);
+        warn(g->command, g->arguments, asset, info->name, info->report,
+             (const char *)&asset->reports + info->report_offset);
+        if (g->arguments->settings.verbose) {
+            fprintf(stderr, "proxycloth %s: note: %s: %.2f s\n", g->command->name, info->name,
+                    g->timings.seconds[stage]);
         }
-    }
-    if (!arguments->settings.quiet) {
-        fprintf(stderr, "proxycloth %s: note: %s: %zu vertices, %zu triangles -> %s/%s.*\n",
-                command->name, asset->name, asset->proxy.vertex_count, asset->proxy.triangle_count,
-                arguments->output, asset->name);
     }
 }
 
-static int build(const cli_command *command, const cli_arguments *arguments, pc_context *context,
-                 const scene_data *scene, const uint8_t *chosen, pc_asset *asset,
-                 cli_output *output) {
-    const char *input = arguments->inputs[0];
-    pc_timings timings = {0};
-    int code = cli_garment_name(command, arguments, asset->name);
+static void print_summary(const garment *g) {
+    for (size_t i = 0; i < g->level_count && !g->arguments->settings.quiet; ++i) {
+        fprintf(stderr, "proxycloth %s: note: %s: %zu vertices, %zu triangles -> %s/%s.*\n",
+                g->command->name, g->levels[i].name, g->levels[i].vertices, g->levels[i].triangles,
+                g->arguments->output, g->levels[i].name);
+    }
+}
+
+// Runs the stages that depend on the number of vertices, and writes the files.
+static int finish_level(garment *g, const pc_options *options, pc_asset *asset) {
+    const pc_status status =
+        pc_build_from(g->context, PC_STAGE_SIMPLIFY, options, asset, &g->timings);
+    if (status != PC_OK) {
+        return cli_fail_status(g->command->name, g->context, status, g->arguments->inputs[0],
+                               false);
+    }
+    const int code =
+        cli_export_files(g->command, g->arguments, g->context, asset, &g->timings, true, g->output);
+    if (code == CLI_OK) {
+        warn_about_stages(g, asset, PC_STAGE_SIMPLIFY, PC_STAGE_COUNT);
+        level *done = &g->levels[g->level_count++];
+        memcpy(done->name, asset->name, sizeof(done->name));
+        done->vertices = asset->proxy.vertex_count;
+        done->triangles = asset->proxy.triangle_count;
+    }
+    return code;
+}
+
+static int finish_levels(garment *g, pc_asset *asset) {
+    pc_options options = g->arguments->options;
+    if (g->arguments->level_count == 0) {
+        return finish_level(g, &options, asset);
+    }
+    char base[sizeof(asset->name)];
+    memcpy(base, asset->name, sizeof(base));
+    int code = CLI_OK;
+    for (size_t i = 0; i < g->arguments->level_count && code == CLI_OK; ++i) {
+        options.simplify.vertices = g->arguments->levels[i];
+        code = cli_name_level(g->command, base, g->arguments->levels[i], asset->name);
+        if (code == CLI_OK) {
+            code = finish_level(g, &options, asset);
+        }
+    }
+    return code;
+}
+
+static int build(garment *g, const scene_data *scene, const uint8_t *chosen, pc_asset *asset) {
+    int code = cli_garment_name(g->command, g->arguments, asset->name);
     if (code != CLI_OK) {
         return code;
     }
-    pc_status status = scene_visual(scene, chosen, context, &asset->visual, &asset->reports.visual);
-    if (status == PC_OK) {
-        status = pc_build(context, &arguments->options, asset, &timings);
+    pc_status status =
+        scene_visual(scene, chosen, g->context, &asset->visual, &asset->reports.visual);
+    for (pc_stage stage = 0; stage < PC_STAGE_SIMPLIFY && status == PC_OK; ++stage) {
+        status = pc_run_stage(g->context, stage, &g->arguments->options, asset, &g->timings);
     }
     if (status != PC_OK) {
-        return cli_fail_status(command->name, context, status, input, false);
+        return cli_fail_status(g->command->name, g->context, status, g->arguments->inputs[0],
+                               false);
     }
-    code = cli_export_files(command, arguments, context, asset, &timings, true, output);
+    cli_warn_report(g->command->name, "visual", &pc_visual_report_record, &asset->reports.visual);
+    warn_about_stages(g, asset, PC_STAGE_VOXELIZE, PC_STAGE_SIMPLIFY);
+    code = finish_levels(g, asset);
     if (code == CLI_OK) {
-        code = cli_output_commit(command, output);
+        code = cli_output_commit(g->command, g->output);
     }
     if (code == CLI_OK) {
-        print_summary(command, arguments, asset, &timings);
+        print_summary(g);
     }
     return code;
 }
@@ -140,7 +205,9 @@ int cli_run_build(const cli_command *command, cli_arguments *arguments) {
         code = cli_context(command, arguments, &context);
     }
     if (code == CLI_OK) {
-        code = build(command, arguments, context, &scene, chosen, &asset, &output);
+        garment g = {
+            .command = command, .arguments = arguments, .context = context, .output = &output};
+        code = build(&g, &scene, chosen, &asset);
     }
     cli_output_end(&output);
     if (context != NULL) {

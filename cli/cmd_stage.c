@@ -1,6 +1,7 @@
 // One command per stage: asset file -> asset file. The first stage also reads scenes.
 #include "cli.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -23,26 +24,67 @@ static int import_visual(const cli_command *command, const cli_arguments *argume
     return CLI_OK;
 }
 
+static int run_and_save(const cli_command *command, pc_context *context, const pc_options *options,
+                        pc_asset *asset, const char *input, const char *output) {
+    const pc_stage_info *info = pc_stage_describe(command->stage);
+    pc_status status = pc_run_stage(context, command->stage, options, asset, NULL);
+    if (status != PC_OK) {
+        return cli_fail_status(command->name, context, status, input, false);
+    }
+    cli_warn_report(command->name, info->name, info->report,
+                    (const char *)&asset->reports + info->report_offset);
+    cli_begin_writing();
+    status = pc_asset_save(context, asset, output);
+    return status == PC_OK ? CLI_OK : cli_fail_status(command->name, context, status, output, true);
+}
+
+// Puts ".lod64" in front of the extension of a path; the caller frees the result.
+static char *level_path(const char *path, uint32_t vertices) {
+    const char *slash = strrchr(path, '/'), *dot = strrchr(path, '.');
+    const bool extended = dot != NULL && dot != path && (slash == NULL || dot > slash + 1);
+    const size_t stem = extended ? (size_t)(dot - path) : strlen(path);
+    const size_t size = strlen(path) + 32;
+    char *result = malloc(size);
+    if (result != NULL) {
+        snprintf(result, size, "%.*s.lod%u%s", (int)stem, path, (unsigned)vertices, path + stem);
+    }
+    return result;
+}
+
+// One asset file per level; the input stays as it is.
+static int run_levels(const cli_command *command, const cli_arguments *arguments,
+                      pc_context *context, pc_asset *asset, const char *output) {
+    pc_options options = arguments->options;
+    char base[sizeof(asset->name)];
+    memcpy(base, asset->name, sizeof(base));
+    int code = CLI_OK;
+    for (size_t i = 0; i < arguments->level_count && code == CLI_OK; ++i) {
+        options.simplify.vertices = arguments->levels[i];
+        char *path = level_path(output, arguments->levels[i]);
+        code = path != NULL ? cli_name_level(command, base, arguments->levels[i], asset->name)
+                            : cli_fail(command->name, CLI_FAILED, "memory ran out");
+        if (code == CLI_OK) {
+            code = run_and_save(command, context, &options, asset, arguments->inputs[0], path);
+        }
+        free(path);
+    }
+    return code;
+}
+
 static int run(const cli_command *command, const cli_arguments *arguments, pc_context *context,
                pc_asset *asset) {
     const char *input = arguments->inputs[0];
-    const pc_stage_info *info = pc_stage_describe(command->stage);
     if (asset->stage_count < (uint32_t)command->stage) {
         const pc_stage_info *next = pc_stage_describe((pc_stage)asset->stage_count);
         return cli_fail(command->name, CLI_INPUT,
                         "%s: stage %s has not run yet; run 'proxycloth %s' first", input,
                         next->name, next->name);
     }
-    pc_status status = pc_run_stage(context, command->stage, &arguments->options, asset, NULL);
-    if (status != PC_OK) {
-        return cli_fail_status(command->name, context, status, input, false);
-    }
-    cli_warn_report(command->name, info->name, info->report,
-                    (const char *)&asset->reports + info->report_offset);
     const char *output = arguments->output != NULL ? arguments->output : input;
-    cli_begin_writing();
-    status = pc_asset_save(context, asset, output);
-    return status == PC_OK ? CLI_OK : cli_fail_status(command->name, context, status, output, true);
+    if (arguments->level_count > 0) {
+        return run_levels(command, arguments, context, asset, output);
+    }
+    return run_and_save(command, context, &arguments->options, asset, input, output);
 }
 
 int cli_run_stage(const cli_command *command, cli_arguments *arguments) {

@@ -33,7 +33,11 @@ static void describe_value(const pc_field *field, char *text, size_t size) {
                                field->choices[i + 1] != NULL ? "," : "]");
         }
     } else {
-        snprintf(text, size, "[default %.10g; %.10g..%.10g%s%s]", field->default_value,
+        char standard[32];
+        snprintf(standard, sizeof(standard), "%.10g", field->default_value);
+        snprintf(text, size, "[default %s; %s%s%.10g..%.10g%s%s]",
+                 field->zero != NULL && field->default_value == 0.0 ? field->zero : standard,
+                 field->zero != NULL ? field->zero : "", field->zero != NULL ? ", " : "",
                  field->minimum, field->maximum, space, field->unit);
     }
 }

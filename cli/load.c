@@ -1,6 +1,7 @@
 // Names, asset files, and the chosen parts of scenes.
 #include "cli.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -29,6 +30,21 @@ int cli_garment_name(const cli_command *command, const cli_arguments *arguments,
     memcpy(raw, source, length);
     raw[length] = '\0';
     cli_clean_text(name, size, raw);
+    return CLI_OK;
+}
+
+int cli_name_level(const cli_command *command, const char *base, uint32_t vertices,
+                   char name[sizeof(((pc_asset *)NULL)->name)]) {
+    const size_t size = sizeof(((pc_asset *)NULL)->name);
+    char buffer[sizeof(((pc_asset *)NULL)->name)] = {0};
+    const int length = snprintf(buffer, size, "%s.lod%u", base, (unsigned)vertices);
+    if (length < 0 || (size_t)length >= size) {
+        return cli_fail(command->name, CLI_USAGE,
+                        "the name \"%s\" is too long for \".lod%u\" behind it; choose another "
+                        "with --name",
+                        base, (unsigned)vertices);
+    }
+    memcpy(name, buffer, size);
     return CLI_OK;
 }
 

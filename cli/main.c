@@ -20,6 +20,8 @@ static const cli_command commands_before[] = {
      .summary = "garment mesh -> proxy mesh, simulated frames and skinning weights",
      .details = "INPUT is an OBJ, FBX, glTF, GLB, DAE, PLY or STL file. Writes NAME.glb,\n"
                 "NAME.proxy.obj, NAME.h5, NAME.json and NAME.png into OUTDIR, over older ones.\n"
+                "Several levels of detail in one run: --vertices 64,128,512 writes NAME.lod64.glb\n"
+                "and so on, each a proxy with motion and weights of its own.\n"
                 "OBJ, PLY and STL files hold neither unit nor up axis and are taken as they are;\n"
                 "see --up-axis. FBX and DAE files are converted to metres and y up.\n",
      .minimum_inputs = 1,
@@ -78,6 +80,11 @@ static cli_command stage_command(pc_stage stage) {
                            .stages = 1u << stage,
                            .stage = stage,
                            .run = cli_run_stage};
+    if (stage == PC_STAGE_SIMPLIFY) {
+        command.details = "Writes the result back into ASSET, or to the file behind -o. Results of "
+                          "later\nstages are dropped. --vertices 64,128,512 writes one file per "
+                          "level of detail,\nASSET.lod64.h5 and so on; ASSET stays as it is.\n";
+    }
     if (stage == PC_STAGE_VOXELIZE) {
         command.operands = "INPUT -o ASSET";
         command.details = "INPUT is a mesh or scene file, or an asset file whose visual mesh is "

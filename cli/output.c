@@ -83,10 +83,17 @@ int cli_output_begin(const cli_command *command, const char *folder, cli_output 
 }
 
 char *cli_output_add(cli_output *output, const char *stem, const char *extension) {
+    if (output->name_count == output->name_capacity) {
+        const size_t capacity = 2 * output->name_capacity + 8;
+        char **grown = realloc(output->names, capacity * sizeof(*grown));
+        if (grown == NULL) {
+            return NULL;
+        }
+        output->names = grown;
+        output->name_capacity = capacity;
+    }
     char *name = malloc(strlen(stem) + strlen(extension) + 1);
-    char *path = output->name_count < sizeof(output->names) / sizeof(output->names[0])
-                     ? join(output->staging, stem, extension)
-                     : NULL;
+    char *path = join(output->staging, stem, extension);
     if (name == NULL || path == NULL) {
         free(name);
         free(path);
@@ -157,6 +164,7 @@ void cli_output_end(cli_output *output) {
         (void)rmdir(output->made[i]);
         free(output->made[i]);
     }
+    free(output->names);
     free(output->made);
     free(output->folder);
     memset(output, 0, sizeof(*output));

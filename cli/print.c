@@ -14,6 +14,8 @@ void print_record(const pc_record *record, const void *values, const char *inden
             printf("%s\n", value != 0.0 ? "yes" : "no");
         } else if (field->type == PC_FIELD_CHOICE) {
             printf("%s\n", field->choices[(size_t)value]);
+        } else if (field->zero != NULL && value == 0.0) {
+            printf("%s\n", field->zero);
         } else if (field->type == PC_FIELD_DOUBLE) {
             printf("%.6g%s%s\n", value, field->unit[0] != '\0' ? " " : "", field->unit);
         } else {
@@ -46,6 +48,8 @@ void json_record(cJSON *object, const pc_record *record, const void *values) {
             cJSON_AddItemToObject(object, field->name, cJSON_CreateBool(value != 0.0));
         } else if (field->type == PC_FIELD_CHOICE) {
             json_text(object, field->name, field->choices[(size_t)value]);
+        } else if (field->zero != NULL && value == 0.0) {
+            json_text(object, field->name, field->zero);
         } else {
             json_number(object, field->name, value);
         }

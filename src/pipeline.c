@@ -41,10 +41,17 @@ static pc_status run_step(pc_context *context, pc_stage stage, pc_asset *a) {
 
 pc_status pc_build(pc_context *context, const pc_options *options, pc_asset *asset,
                    pc_timings *timings) {
+    return pc_build_from(context, PC_STAGE_VOXELIZE, options, asset, timings);
+}
+
+pc_status pc_build_from(pc_context *context, pc_stage first, const pc_options *options,
+                        pc_asset *asset, pc_timings *timings) {
     pc_status status = PC_OK;
-    for (pc_stage stage = 0; stage < PC_STAGE_COUNT && status == PC_OK; ++stage) {
+    pc_stage stage = first;
+    do {
         status = pc_run_stage(context, stage, options, asset, timings);
-    }
+        ++stage;
+    } while (stage < PC_STAGE_COUNT && status == PC_OK);
     return status;
 }
 

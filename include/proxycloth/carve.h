@@ -5,11 +5,18 @@
 /// A loop is a hole only if its part has twice the area of a disc of that circumference; the outer
 /// rim of a small part is never closed.
 ///
-/// With `carve` on, the surface is cut along the isoline of the distance to the visual mesh's
-/// projection (section 5.1), so that separate parts can move freely. Triangles near the isoline are
-/// refined first. DEVIATION: the distance is not geodesic; it is the share along the surface of the
-/// straight distance to the nearest point of the visual mesh. The two agree up to gaps of a few
-/// voxels, and wider gaps never close.
+/// Openings narrower than two voxels (cuffs, a neckline, the foot of a leg) are closed in the
+/// iso-surface. Always on: a part of the layer that leaves the visual mesh sideways by more than
+/// `carve_distance`, and around which the visual mesh ends (rims on at least 9 of 12 sides), is such
+/// a membrane and is cut out along the isoline of that distance. What bridges two surfaces, as
+/// between the legs, has no rim around it and stays, as does what holds the layer together.
+///
+/// With `carve` on, everything farther than `carve_distance` beside the visual mesh is cut away
+/// (section 5.1), so that separate parts can move freely.
+///
+/// DEVIATION: the distance is not geodesic; it is the share along the surface of the straight
+/// distance to the nearest point of the visual mesh. The two agree up to gaps of a few voxels, and
+/// wider gaps never close.
 ///
 /// Postconditions: manifold with boundary, consistently oriented, no unused vertex.
 #ifndef PROXYCLOTH_CARVE_H
@@ -22,8 +29,8 @@ extern "C" {
 #endif
 
 typedef struct pc_carve_options {
-    bool carve;            ///< cut along the visual mesh's outline (section 5.1)
-    double carve_distance; ///< epsilon_carved, in voxels
+    bool carve;            ///< also cut what bridges two surfaces (section 5.1)
+    double carve_distance; ///< epsilon_carved, in voxels; regions that reach 1.2 times as far count
     double smallest_part;  ///< parts below this fraction of the largest part's area are dropped
     uint32_t fill_loops;   ///< boundary loops of at most this many edges are filled
 } pc_carve_options;
@@ -35,6 +42,7 @@ typedef struct pc_carve_report {
     uint64_t boundary_loops;
     uint64_t dropped_parts;
     uint64_t filled_loops;
+    uint64_t carved_regions;
     uint64_t carved_triangles;
     double coverage; ///< share of the visual mesh's vertices within 2 voxels of the layer
 } pc_carve_report;

@@ -8,6 +8,10 @@
 /// DEVIATION from the paper, because the two sheets interpenetrate after projection: the inward ray
 /// starts `inward_offset` outside the vertex and accepts back faces only; the outward ray starts at
 /// `outward_offset`.
+///
+/// DEVIATION: a sleeve or leg narrower than two voxels is a solid rod in the iso-surface, and the
+/// paper's rule would take its two halves for the two sides of a sheet and cut it open lengthwise.
+/// Where the solid is a rod (`tube_aspect`), vertices have no opposite.
 #ifndef PROXYCLOTH_GRAPH_H
 #define PROXYCLOTH_GRAPH_H
 
@@ -40,6 +44,9 @@ typedef struct pc_graph_options {
     double opposite_epsilon;
     double inward_offset;  ///< in voxels
     double outward_offset; ///< in voxels
+    /// A solid at least half a voxel thick is a rod where it is less than so many times as wide as
+    /// thick; 0: everything is a sheet, as in the paper.
+    double tube_aspect;
 } pc_graph_options;
 
 typedef struct pc_graph_report {

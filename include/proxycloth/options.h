@@ -26,6 +26,9 @@ typedef struct pc_field {
     const char *unit;                       ///< "" where there is none
     const char *help;                       ///< one sentence
     const char *const *choices;             ///< NULL-terminated, PC_FIELD_CHOICE only
+    /// Options only: a word for the value 0 ("auto"), which is then allowed outside the limits, or
+    /// NULL.
+    const char *zero;
     /// Reports only: what a value other than 0 means for the user, for example "degenerate
     /// triangles were accepted"; NULL where it means nothing. A field with this is a warning.
     const char *warning;
@@ -46,7 +49,7 @@ void pc_record_set_defaults(const pc_record *record, void *values);
 PC_NODISCARD pc_status pc_record_check(pc_context *context, const char *stage,
                                        const pc_record *record, const void *values);
 
-/// Sets one field from text ("0.5", "true", a choice's name) and checks its range.
+/// Sets one field from text ("0.5", "true", a choice's name, the word for 0) and checks its range.
 /// @return PC_OK; PC_ERROR_INVALID_OPTIONS (not a number, out of range, no such choice).
 PC_NODISCARD pc_status pc_field_set_text(pc_context *context, const char *stage,
                                          const pc_field *field, void *values, const char *text);

@@ -109,9 +109,20 @@ typedef struct pc_timings {
 PC_NODISCARD pc_status pc_run_stage(pc_context *context, pc_stage stage, const pc_options *options,
                                     pc_asset *asset, pc_timings *timings);
 
-/// Runs all stages on a visual mesh.
-/// @param[in,out] asset    `visual`, `name` and `reports.visual` are set, the rest is zero. On
-///                         failure the results up to the failing stage remain.
+/// Runs `first` and all later stages on the results of the ones before.
+///
+/// Proxies of several sizes (levels of detail) share what does not depend on the size: build once,
+/// then for every further level set options->simplify.vertices, call this with PC_STAGE_SIMPLIFY,
+/// and export. Every level is an asset of its own, with its own motion and weights, so that each
+/// can be simulated alone.
+/// @param[in,out] asset    with at least `first` stages done. On failure the results up to the
+///                         failing stage remain.
+/// @param[in,out] timings  may be NULL; the seconds of earlier stages stay.
+PC_NODISCARD pc_status pc_build_from(pc_context *context, pc_stage first, const pc_options *options,
+                                     pc_asset *asset, pc_timings *timings);
+
+/// Runs all stages on a visual mesh: pc_build_from with PC_STAGE_VOXELIZE.
+/// @param[in,out] asset    `visual`, `name` and `reports.visual` are set, the rest is zero.
 PC_NODISCARD pc_status pc_build(pc_context *context, const pc_options *options, pc_asset *asset,
                                 pc_timings *timings);
 

@@ -41,6 +41,7 @@
 #include "proxycloth/pipeline.h"
 
 #include "proxycloth/asset_file.h"
+#include "proxycloth/deform.h"
 #include "proxycloth/evaluate.h"
 #include "proxycloth/export.h"
 

@@ -2,34 +2,43 @@
 ///
 /// Each visual vertex follows its nearest proxy vertices by translation-only linear blend skinning,
 ///   v_i(t) = v_i(0) + sum_j w_ij (p_j(t) - p_j(0)),                                  equation (6)
-/// with w >= 0 and sum_j w_ij = 1. The weights minimise lambda_r L_r + lambda_c L_c + lambda_a L_a
-/// (equations (7) to (10)) over the frames: as-rigid-as-possible over the 1-ring, the same over
-/// spatial neighbours against collisions, and attachment of neighbouring parts. The surrogate
-/// w = |s| / sum |s| is optimised with AdamW.
+/// with w >= 0 and sum_j w_ij = 1. The weights minimise
+/// lambda_r L_r + lambda_c L_c + lambda_a L_a + lambda_f L_f over the frames: as-rigid-as-possible
+/// over the 1-ring (7), the same over spatial neighbours against collisions (8), attachment of
+/// neighbouring parts (9, 10), and following the proxy (below).
+///
+/// The default solver alternates. For given weights the best rotations are found for all vertices
+/// and frames, certified as global optima. For given rotations the energy is quadratic in the
+/// weights, and all frames enter through the Gram matrix of the proxy's displacements: Gauss-Seidel
+/// sweeps solve each vertex exactly on the simplex, with momentum from round to round. The paper's
+/// AdamW over the surrogate w = |s| / sum |s| needs ten to forty times as long for the same loss.
 ///
 /// The paper names no lambdas. Here each loss is divided by the number of frames and by its norm
 /// (L_r, L_c: sum of the squared rest lengths of its directed edges; L_a: sum over the vertices of
-/// the squared mean distance to the neighbours), so neither the unit nor the resolution matters;
-/// epsilon_z is 1/1500 of the bounding-box diagonal.
+/// the squared mean distance to the neighbours; L_f: vertices times the mean square length of the
+/// proxy's edges), so neither the unit nor the resolution matters; epsilon_z is 1/1500 of the
+/// bounding-box diagonal.
 ///
-/// DEVIATION: the candidates of a vertex are the corners of the closest proxy triangle and then the
-/// nearest proxy vertices, and the first guess is mostly the closest point's barycentric
+/// DEVIATION: the paper's losses are 0 for equal weights everywhere, so they reward less motion.
+/// L_f = sum |u_i(t) - u*_i(t)|^2 mends that, u* the displacement of the closest point of the
+/// proxy; and vertices whose closest point is held follow held vertices only. Both with the default
+/// solver. DEVIATION: the candidates of a vertex are the corners of the closest proxy triangle and
+/// then the nearest proxy vertices, and the first guess is mostly the closest point's barycentric
 /// coordinates: the nearest vertices alone may all lie on another layer.
-/// DEVIATION: 100 epochs of batches at learning rate 0.005 that falls at the end, instead of 200 at
-/// 0.001: the same loss or less in half the time.
 /// DEVIATION: the weights are cut from k_B candidates to K influences in two steps and optimised
-/// again after each; engines take 4 influences, and cutting alone multiplies L_r by about five.
+/// again after each; engines take 4 influences, and cutting alone multiplies L_r by about five. The
+/// default solver takes away those that cost least by the second derivatives of the energy.
+/// DEVIATION: AdamW takes 100 epochs of batches at learning rate 0.005 that falls at the end,
+/// instead of 200 at 0.001: the same loss or less in half the time.
 ///
 /// DEVIATION: where the proxy moves layers through each other no weights can satisfy L_c and L_a,
 /// so they must not cost L_r: both lambdas are multiplied by L_r / L_c of the first guess if that
-/// is below 1, and divided by 4 when L_r is still above 70 % of the first guess after 40 % and 60 %
-/// of the epochs.
+/// is below 1, and divided by 4 when L_r is still above 70 % of the first guess after the first and
+/// the second of the three phases (k_B candidates, half way, K).
 ///
-/// The objective is 0 for equal weights everywhere, so it also rewards less motion: on unseen winds
-/// the result moves a few percent less than the proxy, and parts that hang on held vertices drift.
-///
-/// Time: about 30 ns per vertex, frame and epoch on one core, in float. Memory: 2 kB per vertex,
-/// and 32 B per vertex and frame (batches below 16 frames: as if each had 16).
+/// Time: about 30 ns per vertex, frame and round or epoch on one core, in float, and 5 us per
+/// vertex and round. Memory: 2 kB per vertex and thread, and 32 B per vertex and frame (batches
+/// below 16 frames: as if each had 16), and 8 B per pair of proxy vertices.
 ///
 /// Postconditions: weights >= 0, each row sums to 1 within 1e-12, rows sorted by falling weight.
 #ifndef PROXYCLOTH_SKIN_H
@@ -52,13 +61,22 @@ typedef struct pc_skin {
 
 void pc_skin_free(pc_context *context, pc_skin *skin);
 
+typedef enum pc_skin_solver {
+    PC_SKIN_ALTERNATE, ///< all rotations, then Gauss-Seidel sweeps over the vertices, in turn
+    PC_SKIN_ADAMW,     ///< the paper's
+} pc_skin_solver;
+
 typedef struct pc_skin_options {
+    uint32_t solver;          ///< pc_skin_solver
     uint32_t influences;      ///< K of the result
     uint32_t candidates;      ///< k_B, proxy vertices considered per visual vertex
     uint32_t neighbours;      ///< k_K, spatial neighbours of L_c and L_a
     double lambda_rigid;      ///< lambda_r
     double lambda_collision;  ///< lambda_c
     double lambda_attachment; ///< lambda_a
+    double lambda_follow;     ///< lambda_f, PC_SKIN_ALTERNATE
+    uint32_t rounds;          ///< passes over all frames at most, PC_SKIN_ALTERNATE
+    double round_gain;        ///< a round gains at least this share, PC_SKIN_ALTERNATE
     uint32_t epochs;          ///< passes over all frames
     uint32_t batch;           ///< frames per step
     double learning_rate;
@@ -74,6 +92,7 @@ typedef struct pc_skin_report {
     double attachment_before, attachment_after; ///< L_a, normalised
     double full_loss;     ///< loss_after with all candidates, before the cut to K
     double spatial_share; ///< of lambda_c and lambda_a in the last epochs, 0..1
+    uint64_t rounds;      ///< passes over all frames, PC_SKIN_ALTERNATE
     uint64_t reflections; ///< vertex-frames with det(S) < 0 at the end
     uint64_t bones_used;  ///< proxy vertices with any weight
 } pc_skin_report;

@@ -130,6 +130,13 @@ static inline bool pci_normalize(double a[3]) {
         .default_value = (default_), .minimum = (min_), .maximum = (max_), .unit = (unit_),        \
         .help = (help_)                                                                            \
     }
+// A whole number that `zero_`, a word, may replace; the value is then 0.
+#define PCI_FIELD_OPTION_OR(struct_type, member, kind, default_, min_, max_, unit_, zero_, help_)  \
+    {                                                                                              \
+        .name = #member, .type = PC_FIELD_##kind, .offset = offsetof(struct_type, member),         \
+        .default_value = (default_), .minimum = (min_), .maximum = (max_), .unit = (unit_),        \
+        .zero = (zero_), .help = (help_)                                                           \
+    }
 #define PCI_FIELD_CHOICE(struct_type, member, default_, last_, choices_, help_)                    \
     {                                                                                              \
         .name = #member, .type = PC_FIELD_CHOICE, .offset = offsetof(struct_type, member),         \

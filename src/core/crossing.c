@@ -93,6 +93,7 @@ typedef struct sweep {
     size_t axis;
     uint64_t *counts; // per piece
     size_t grain;
+    uint32_t *pairs; // 2 per crossing, piece after piece; NULL: only count
 } sweep;
 
 static bool pair_crosses(const pc_mesh *mesh, uint32_t first, uint32_t second) {
@@ -119,18 +120,27 @@ static void sweep_boxes(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const size_t x = s->axis, y = (x + 1) % 3, z = (x + 2) % 3;
     uint64_t count = 0;
+    // With pairs to write, counts hold where the piece begins.
+    uint32_t *pair = s->pairs != NULL ? &s->pairs[2 * s->counts[begin / s->grain]] : NULL;
     for (size_t i = begin; i < end; ++i) {
         const box *a = &s->boxes[i];
         for (size_t j = i + 1;
              j < s->mesh->triangle_count && s->boxes[j].minimum[x] <= a->maximum[x]; ++j) {
             const box *b = &s->boxes[j];
             if (a->minimum[y] <= b->maximum[y] && b->minimum[y] <= a->maximum[y] &&
-                a->minimum[z] <= b->maximum[z] && b->minimum[z] <= a->maximum[z]) {
-                count += pair_crosses(s->mesh, a->triangle, b->triangle);
+                a->minimum[z] <= b->maximum[z] && b->minimum[z] <= a->maximum[z] &&
+                pair_crosses(s->mesh, a->triangle, b->triangle)) {
+                ++count;
+                if (pair != NULL) {
+                    *pair++ = a->triangle;
+                    *pair++ = b->triangle;
+                }
             }
         }
     }
-    s->counts[begin / s->grain] = count;
+    if (pair == NULL) {
+        s->counts[begin / s->grain] = count;
+    }
 }
 
 #define COMPARE_BOXES(name, axis)                                                                  \
@@ -143,16 +153,14 @@ COMPARE_BOXES(compare_x, 0)
 COMPARE_BOXES(compare_y, 1)
 COMPARE_BOXES(compare_z, 2)
 
-pc_status pci_count_self_intersections(pc_context *context, const char *stage, const pc_mesh *mesh,
-                                       uint64_t *count) {
+bool pci_list_self_intersections(pci_scratch *scratch, const pc_mesh *mesh, uint32_t **pairs,
+                                 size_t *count) {
     static int (*const compare[3])(const void *, const void *) = {compare_x, compare_y, compare_z};
-    pci_scratch scratch = pci_scratch_begin(context);
     const size_t grain = 128, pieces = (mesh->triangle_count + grain - 1) / grain;
-    box *boxes = PCI_SCRATCH(&scratch, box, mesh->triangle_count);
-    uint64_t *counts = PCI_SCRATCH(&scratch, uint64_t, pieces);
-    if (scratch.failed) {
-        pci_scratch_end(&scratch);
-        return pci_fail_memory(context, stage);
+    box *boxes = PCI_SCRATCH(scratch, box, mesh->triangle_count);
+    uint64_t *counts = PCI_SCRATCH(scratch, uint64_t, pieces);
+    if (scratch->failed) {
+        return false;
     }
     double minimum[3] = {INFINITY, INFINITY, INFINITY};
     double maximum[3] = {-INFINITY, -INFINITY, -INFINITY};
@@ -175,11 +183,31 @@ pc_status pci_count_self_intersections(pc_context *context, const char *stage, c
     qsort(boxes, mesh->triangle_count, sizeof(*boxes), compare[axis]);
 
     sweep s = {.mesh = mesh, .boxes = boxes, .axis = axis, .counts = counts, .grain = grain};
-    pci_parallel_for(context, mesh->triangle_count, grain, sweep_boxes, &s);
-    *count = 0;
+    pci_parallel_for(scratch->context, mesh->triangle_count, grain, sweep_boxes, &s);
+    uint64_t total = 0;
     for (size_t i = 0; i < pieces; ++i) {
-        *count += counts[i];
+        const uint64_t before = total;
+        total += counts[i];
+        counts[i] = before;
     }
+    *count = (size_t)total;
+    if (pairs != NULL) {
+        *pairs = s.pairs = PCI_SCRATCH(scratch, uint32_t, 2 * total);
+        if (s.pairs == NULL) {
+            return false;
+        }
+        pci_parallel_for(scratch->context, total > 0 ? mesh->triangle_count : 0, grain, sweep_boxes,
+                         &s);
+    }
+    return true;
+}
+
+pc_status pci_count_self_intersections(pc_context *context, const char *stage, const pc_mesh *mesh,
+                                       uint64_t *count) {
+    pci_scratch scratch = pci_scratch_begin(context);
+    size_t found = 0;
+    const bool done = pci_list_self_intersections(&scratch, mesh, NULL, &found);
     pci_scratch_end(&scratch);
-    return PC_OK;
+    *count = found;
+    return done ? PC_OK : pci_fail_memory(context, stage);
 }

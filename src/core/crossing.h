@@ -13,7 +13,12 @@
 bool pci_triangles_cross(const double a[9], unsigned shared_a, const double b[9],
                          unsigned shared_b);
 
-// Pairs of triangles that cross; pairs that share two or three vertices are not looked at.
+// Pairs of triangles that cross, in an order that does not depend on the number of threads; pairs
+// that share two or three vertices are not looked at. `pairs` (2 by count, from scratch) may be
+// NULL. False: out of memory.
+bool pci_list_self_intersections(pci_scratch *scratch, const pc_mesh *mesh, uint32_t **pairs,
+                                 size_t *count);
+// Their number.
 PC_NODISCARD pc_status pci_count_self_intersections(pc_context *context, const char *stage,
                                                     const pc_mesh *mesh, uint64_t *count);
 

@@ -2,7 +2,7 @@
 
 #include "core/topology.h"
 
-static bool grow(pci_halfedge *mesh, size_t vertices, size_t triangles) {
+bool pci_halfedge_reserve(pci_halfedge *mesh, size_t vertices, size_t triangles) {
     pci_scratch *scratch = mesh->scratch;
     void *positions = mesh->positions, *outgoing = mesh->outgoing, *marks = mesh->marks;
     void *corners = mesh->corners, *twins = mesh->twins;
@@ -50,7 +50,7 @@ bool pci_halfedge_build(pci_scratch *scratch, const pc_mesh *mesh, pci_halfedge 
     memset(result, 0, sizeof(*result));
     result->scratch = scratch;
     pci_topology topology;
-    if (!grow(result, mesh->vertex_count, mesh->triangle_count) ||
+    if (!pci_halfedge_reserve(result, mesh->vertex_count, mesh->triangle_count) ||
         !pci_topology_build(scratch, mesh, &topology)) {
         return false;
     }
@@ -85,7 +85,7 @@ bool pci_halfedge_build(pci_scratch *scratch, const pc_mesh *mesh, pci_halfedge 
 bool pci_halfedge_copy(pci_scratch *scratch, const pci_halfedge *from, pci_halfedge *result) {
     memset(result, 0, sizeof(*result));
     result->scratch = scratch;
-    if (!grow(result, from->vertex_count, from->triangle_count)) {
+    if (!pci_halfedge_reserve(result, from->vertex_count, from->triangle_count)) {
         return false;
     }
     result->vertex_count = from->vertex_count;
@@ -132,7 +132,8 @@ static void set_triangle(pci_halfedge *mesh, uint32_t first, uint32_t a, uint32_
 uint32_t pci_split_edge(pci_halfedge *mesh, uint32_t h, const double position[3]) {
     const uint32_t g = mesh->twins[h];
     const bool inner = g != PC_INVALID_INDEX;
-    if (!grow(mesh, mesh->vertex_count + 1, mesh->triangle_count + (inner ? 2 : 1))) {
+    if (!pci_halfedge_reserve(mesh, mesh->vertex_count + 1,
+                              mesh->triangle_count + (inner ? 2 : 1))) {
         return PC_INVALID_INDEX;
     }
     const uint32_t m = (uint32_t)mesh->vertex_count++;

@@ -55,6 +55,8 @@ static inline bool pci_is_edge(const pci_halfedge *mesh, uint32_t h) {
     return mesh->corners[h] != PC_INVALID_INDEX && h < mesh->twins[h];
 }
 
+// Makes room for elements that pci_split_edge adds. False: out of memory.
+bool pci_halfedge_reserve(pci_halfedge *mesh, size_t vertices, size_t triangles);
 // Inserts a vertex at `position` on the edge and returns it; PC_INVALID_INDEX: out of memory.
 uint32_t pci_split_edge(pci_halfedge *mesh, uint32_t h, const double position[3]);
 

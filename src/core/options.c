@@ -1,4 +1,5 @@
 #include <errno.h>
+#include <stdio.h>
 #include <stdlib.h>
 
 #include "core/core.h"
@@ -48,13 +49,16 @@ void pc_record_set_defaults(const pc_record *record, void *values) {
 
 static pc_status check_number(pc_context *context, const char *stage, const pc_field *field,
                               double number) {
-    if (number >= field->minimum && number <= field->maximum) {
+    if ((number >= field->minimum && number <= field->maximum) ||
+        (field->zero != NULL && number == 0.0)) {
         return PC_OK;
     }
     return pci_fail(context, PC_ERROR_INVALID_OPTIONS, stage,
-                    "%s: option %s = %.10g is out of range, it must be between %.10g and %.10g%s%s",
+                    "%s: option %s = %.10g is out of range, it must be between %.10g and "
+                    "%.10g%s%s%s%s",
                     stage, field->name, number, field->minimum, field->maximum,
-                    field->unit[0] != '\0' ? " " : "", field->unit);
+                    field->unit[0] != '\0' ? " " : "", field->unit,
+                    field->zero != NULL ? ", or " : "", field->zero != NULL ? field->zero : "");
 }
 
 pc_status pc_record_check(pc_context *context, const char *stage, const pc_record *record,
@@ -101,6 +105,10 @@ static bool parse_number(const pc_field *field, const char *text, double *number
         }
         return false;
     }
+    if (field->zero != NULL && strcmp(field->zero, text) == 0) {
+        *number = 0.0;
+        return true;
+    }
     char *end = NULL;
     errno = 0;
     *number = strtod(text, &end);
@@ -118,7 +126,8 @@ pc_status pc_field_set_text(pc_context *context, const char *stage, const pc_fie
         if (field->type == PC_FIELD_BOOL) {
             memcpy(expected, "true or false", sizeof("true or false"));
         } else if (field->type == PC_FIELD_UINT || field->type == PC_FIELD_COUNT) {
-            memcpy(expected, "a whole number", sizeof("a whole number"));
+            snprintf(expected, sizeof(expected), "a whole number%s%s",
+                     field->zero != NULL ? " or " : "", field->zero != NULL ? field->zero : "");
         } else if (field->type == PC_FIELD_CHOICE) {
             size_t length = 0;
             for (size_t i = 0; field->choices[i] != NULL; ++i) {

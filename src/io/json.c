@@ -125,6 +125,10 @@ void pci_json_field(pci_json *json, cJSON *parent, const pc_field *field, const 
         pci_json_count(json, parent, field->name, count);
         return;
     case PC_FIELD_UINT:
+        if (field->zero != NULL && number == 0.0) {
+            pci_json_string(json, parent, field->name, field->zero);
+            return;
+        }
         pci_json_count(json, parent, field->name, (uint64_t)number);
         return;
     case PC_FIELD_CHOICE:

@@ -2,15 +2,16 @@
 
 #include "core/bvh.h"
 #include "core/core.h"
-#include "core/halfedge.h"
 #include "core/manifold.h"
+#include "core/rim.h"
 #include "core/topology.h"
+#include "stages/outline.h"
 
 static const char stage[] = "carve";
 
 static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_carve_options, carve, BOOL, 0, 0, 1, "",
-                     "Cut the surface along the outline of the visual mesh (section 5.1)"),
+                     "Also cut what bridges two surfaces of the visual mesh (section 5.1)"),
     PCI_FIELD_OPTION(
         pc_carve_options, carve_distance, DOUBLE, 0.25, 0.05, 10.0, "voxels",
         "epsilon_carved: surface farther than this beside the visual mesh is cut away"),
@@ -28,8 +29,9 @@ static const pc_field report_fields[] = {
     PCI_FIELD_REPORT(pc_carve_report, boundary_loops, COUNT, "", "Closed boundary curves"),
     PCI_FIELD_REPORT(pc_carve_report, dropped_parts, COUNT, "", "Parts that were too small"),
     PCI_FIELD_REPORT(pc_carve_report, filled_loops, COUNT, "", "Boundary loops that were filled"),
-    PCI_FIELD_REPORT(pc_carve_report, carved_triangles, COUNT, "",
-                     "Triangles cut away beside the visual mesh"),
+    PCI_FIELD_REPORT(pc_carve_report, carved_regions, COUNT, "",
+                     "Membranes over openings, and with carve also gaps, that were cut away"),
+    PCI_FIELD_REPORT(pc_carve_report, carved_triangles, COUNT, "", "Their triangles"),
     PCI_FIELD_REPORT(pc_carve_report, coverage, DOUBLE, "",
                      "Share of the visual mesh's vertices within 2 voxels of the layer"),
 };
@@ -37,6 +39,9 @@ const pc_record pc_carve_report_record = PCI_RECORD(report_fields, pc_carve_repo
 
 // What the visual mesh covers is within this many voxels of the layer.
 static const double covered_voxels = 2.0;
+// Radius of the ball that tells rims from surfaces, in voxels: narrower than openings of note.
+static const double rim_radius = 0.5;
+static const double rim_spacing = 0.25; // in voxels
 // Pieces of parallel loops.
 enum { grain = 256 };
 
@@ -141,181 +146,6 @@ static bool fill_loops(pci_scratch *scratch, pc_mesh *mesh, size_t longest, uint
     return true;
 }
 
-// ---- carving along the outline of the visual mesh ---------------------------------------------
-
-typedef struct outline {
-    const pci_bvh *visual;
-    pci_halfedge mesh;
-    double *normals;   // #V by 3
-    double *distances; // #V, beside the visual mesh, along the surface
-    size_t normal_capacity, distance_capacity;
-} outline;
-
-// How far the nearest point of the visual mesh lies beside a point of the layer: the distance
-// without its share along the normal.
-static double distance_beside(const pci_bvh *visual, const double point[3],
-                              const double normal[3]) {
-    const pci_closest closest = pci_bvh_closest(visual, point, INFINITY);
-    double away[3];
-    pci_sub(closest.point, point, away);
-    const double height = pci_dot(away, normal);
-    return sqrt(fmax(0.0, pci_dot(away, away) - height * height));
-}
-
-static void measure_outline(void *user, size_t begin, size_t end, uint32_t worker) {
-    (void)worker;
-    outline *o = user;
-    for (size_t v = begin; v < end; ++v) {
-        o->distances[v] = distance_beside(o->visual, &o->mesh.positions[3 * v], &o->normals[3 * v]);
-    }
-}
-
-static bool split_measured(outline *o, uint32_t h, double share, const double *known_distance) {
-    const size_t a = pci_origin(&o->mesh, h), b = pci_target(&o->mesh, h);
-    double position[3], normal[3];
-    for (size_t k = 0; k < 3; ++k) {
-        position[k] = o->mesh.positions[3 * a + k] +
-                      share * (o->mesh.positions[3 * b + k] - o->mesh.positions[3 * a + k]);
-        normal[k] = o->normals[3 * a + k] + o->normals[3 * b + k];
-    }
-    pci_normalize(normal);
-    const uint32_t v = pci_split_edge(&o->mesh, h, position);
-    void *normals = o->normals, *distances = o->distances;
-    if (v == PC_INVALID_INDEX ||
-        !pci_scratch_reserve(o->mesh.scratch, &normals, &o->normal_capacity, (size_t)v + 1,
-                             3 * sizeof(double)) ||
-        !pci_scratch_reserve(o->mesh.scratch, &distances, &o->distance_capacity, (size_t)v + 1,
-                             sizeof(double))) {
-        return false;
-    }
-    o->normals = normals;
-    o->distances = distances;
-    memcpy(&o->normals[3 * (size_t)v], normal, sizeof(normal));
-    o->distances[v] =
-        known_distance != NULL ? *known_distance : distance_beside(o->visual, position, normal);
-    return true;
-}
-
-static double edge_length(const pci_halfedge *mesh, uint32_t h) {
-    return sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)pci_origin(mesh, h)],
-                                     &mesh->positions[3 * (size_t)pci_target(mesh, h)]));
-}
-
-// The longest edge of a triangle; ties go to the smaller half-edge of the pair.
-static uint32_t longest_edge(const pci_halfedge *mesh, uint32_t t) {
-    uint32_t best = 3 * t;
-    double length = -1.0;
-    for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
-        const double candidate = edge_length(mesh, h);
-        const uint32_t id = h < mesh->twins[h] ? h : mesh->twins[h];
-        const uint32_t best_id = best < mesh->twins[best] ? best : mesh->twins[best];
-        if (candidate > length || (candidate == length && id < best_id)) {
-            best = h;
-            length = candidate;
-        }
-    }
-    return best;
-}
-
-// Follows longest edges from a triangle to one that is the longest of both its triangles (Rivara).
-// Every edge that its split makes is shorter by a fixed factor, also among triangles without area.
-static uint32_t terminal_edge(const pci_halfedge *mesh, uint32_t t) {
-    uint32_t h = longest_edge(mesh, t);
-    while (mesh->twins[h] != PC_INVALID_INDEX) {
-        const uint32_t next = longest_edge(mesh, mesh->twins[h] / 3);
-        if (next == mesh->twins[h]) {
-            break;
-        }
-        h = next;
-    }
-    return h;
-}
-
-// Halves the longest edge of each triangle that may touch the outline until it is shorter than
-// `shortest`: the distance hardly changes faster than the way, so edges of half the threshold
-// cannot hide a crossing that matters. False: no memory, or cancelled.
-static bool refine_outline(outline *o, double threshold, double shortest) {
-    const pci_halfedge *mesh = &o->mesh;
-    pc_context *context = mesh->scratch->context;
-    for (bool changed = true; changed;) {
-        changed = false;
-        for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
-            if (t % 4096 == 0 && !pci_keep_going(context)) {
-                return false;
-            }
-            const double longest = edge_length(mesh, longest_edge(mesh, t));
-            double nearest = INFINITY, farthest = 0.0;
-            for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
-                nearest = fmin(nearest, o->distances[pci_origin(mesh, h)]);
-                farthest = fmax(farthest, o->distances[pci_origin(mesh, h)]);
-            }
-            if (longest > shortest && nearest < threshold && farthest + 0.5 * longest > threshold) {
-                if (!split_measured(o, terminal_edge(mesh, t), 0.5, NULL)) {
-                    return false;
-                }
-                changed = true;
-            }
-        }
-    }
-    return true;
-}
-
-// Cuts along the isoline of the distance to the visual mesh's footprint and keeps the near side.
-static pc_status carve_outline(pci_scratch *scratch, const pc_mesh *surface, double threshold,
-                               double cell_size, pc_mesh *mesh, uint64_t *carved) {
-    pc_context *context = scratch->context;
-    // Finer than an eighth of a voxel there is nothing to see, and a layer that runs near the
-    // threshold everywhere would be refined everywhere.
-    const double shortest = fmax(0.5 * threshold, 0.125 * cell_size);
-    pci_bvh *visual = NULL;
-    pc_status status = pci_bvh_create(context, stage, surface, &visual);
-    if (status != PC_OK) {
-        return status;
-    }
-    outline o = {.visual = visual};
-    pc_mesh kept = {0};
-    status = PC_ERROR_OUT_OF_MEMORY;
-    o.normals = PCI_SCRATCH(scratch, double, 3 * mesh->vertex_count);
-    o.distances = PCI_SCRATCH(scratch, double, mesh->vertex_count);
-    if (!scratch->failed && pci_halfedge_build(scratch, mesh, &o.mesh)) {
-        o.normal_capacity = o.distance_capacity = mesh->vertex_count;
-        pci_vertex_normals(mesh, o.normals);
-        pci_parallel_for(context, mesh->vertex_count, grain, measure_outline, &o);
-        bool done = refine_outline(&o, threshold, shortest);
-        // New edges end on the isoline and never cross it, so one pass finds all crossings.
-        for (uint32_t h = 0; done && h < 3 * o.mesh.triangle_count; ++h) {
-            if (pci_is_edge(&o.mesh, h)) {
-                const double a = o.distances[pci_origin(&o.mesh, h)] - threshold;
-                const double b = o.distances[pci_target(&o.mesh, h)] - threshold;
-                if ((a < 0.0 && b > 0.0) || (a > 0.0 && b < 0.0)) {
-                    const double share = fmin(fmax(a / (a - b), 0.05), 0.95);
-                    done = split_measured(&o, h, share, &threshold);
-                }
-            }
-        }
-        uint8_t *keep = done ? PCI_SCRATCH(scratch, uint8_t, o.mesh.triangle_count) : NULL;
-        if (keep != NULL) {
-            for (size_t t = 0; t < o.mesh.triangle_count; ++t) {
-                keep[t] = 1;
-                for (size_t c = 0; c < 3; ++c) {
-                    keep[t] &= o.distances[o.mesh.corners[3 * t + c]] <= threshold;
-                }
-                *carved += !keep[t];
-            }
-            const pc_mesh cut = {o.mesh.vertex_count, o.mesh.positions, o.mesh.triangle_count,
-                                 o.mesh.corners};
-            pci_repair_counts counts;
-            if (pci_mesh_repair(scratch, &cut, keep, &kept, &counts)) {
-                pc_mesh_free(context, mesh);
-                *mesh = kept;
-                status = PC_OK;
-            }
-        }
-    }
-    pci_bvh_destroy(context, visual);
-    return status == PC_OK ? PC_OK : pci_fail_memory(context, stage);
-}
-
 // ---- report -----------------------------------------------------------------------------------
 
 typedef struct coverage_job {
@@ -400,9 +230,9 @@ static pc_status no_proxy(pc_context *context, const char *reason) {
     return pci_fail(context, PC_ERROR_NO_PROXY, stage, "carve: no triangle is left, %s", reason);
 }
 
-static pc_status extract(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *projected,
-                         const uint8_t *labels, double cell_size, const pc_carve_options *options,
-                         pc_mesh *layer, pc_carve_report *report) {
+// The triangles whose labels say so, as a manifold without small parts and short holes.
+static pc_status extract(pci_scratch *scratch, const pc_mesh *projected, const uint8_t *labels,
+                         const pc_carve_options *options, pc_mesh *layer, pc_carve_report *report) {
     pc_context *context = scratch->context;
     uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, projected->triangle_count);
     if (keep == NULL) {
@@ -424,29 +254,44 @@ static pc_status extract(pci_scratch *scratch, const pc_mesh *surface, const pc_
     if (!pci_progress(context, stage, 0.3)) {
         return pci_fail_cancelled(context, stage);
     }
-    if (!fill_loops(scratch, layer, options->fill_loops, &report->filled_loops)) {
-        return pci_fail_memory(context, stage);
+    return fill_loops(scratch, layer, options->fill_loops, &report->filled_loops)
+               ? PC_OK
+               : pci_fail_memory(context, stage);
+}
+
+static pc_status find_rims(pci_scratch *scratch, const pc_mesh *surface, const pci_bvh *visual,
+                           double cell_size, pci_knn *rims) {
+    size_t count = 0;
+    double *points = NULL;
+    const pc_status status = pci_rim_points(scratch, stage, visual, surface, rim_radius * cell_size,
+                                            rim_spacing * cell_size, &count, &points);
+    if (status != PC_OK) {
+        return status;
     }
-    if (options->carve) {
-        const pc_status status =
-            carve_outline(scratch, surface, options->carve_distance * cell_size, cell_size, layer,
-                          &report->carved_triangles);
-        if (status != PC_OK) {
-            return status;
-        }
-        uint64_t dropped = 0;
-        if (!pci_drop_small_parts(scratch, layer, options->smallest_part, &dropped)) {
-            return pci_fail_memory(context, stage);
-        }
-        report->dropped_parts += dropped;
-        if (layer->triangle_count == 0) {
-            return no_proxy(context, "carve_distance is too small");
-        }
+    return pci_knn_build(scratch, count, points, rims) ? PC_OK
+                                                       : pci_fail_memory(scratch->context, stage);
+}
+
+static pc_status cut(pci_scratch *scratch, const pci_bvh *visual, const pci_knn *rims,
+                     double cell_size, const pc_carve_options *options, pc_mesh *layer,
+                     pc_carve_report *report) {
+    const pc_status status = pci_cut_outline(
+        scratch, stage, visual, rims, options->carve ? PCI_OUTLINE_ALL : PCI_OUTLINE_MEMBRANES,
+        options->carve_distance * cell_size, cell_size, layer, &report->carved_regions,
+        &report->carved_triangles);
+    if (status != PC_OK) {
+        return status;
     }
-    if (!pci_progress(context, stage, 0.8)) {
-        return pci_fail_cancelled(context, stage);
+    uint64_t dropped = 0;
+    if (!pci_drop_small_parts(scratch, layer, options->smallest_part, &dropped)) {
+        return pci_fail_memory(scratch->context, stage);
     }
-    return measure(scratch, surface, layer, cell_size, report);
+    report->dropped_parts += dropped;
+    if (layer->triangle_count == 0) {
+        return no_proxy(scratch->context, "carve_distance is too small");
+    }
+    return pci_progress(scratch->context, stage, 0.8) ? PC_OK
+                                                      : pci_fail_cancelled(scratch->context, stage);
 }
 
 pc_status pc_carve(pc_context *context, const pc_mesh *surface, const pc_mesh *projected,
@@ -465,8 +310,22 @@ pc_status pc_carve(pc_context *context, const pc_mesh *surface, const pc_mesh *p
     pci_scratch scratch = pci_scratch_begin(context);
     pc_carve_report counts = {0};
     pc_mesh layer = {0};
-    status =
-        extract(&scratch, surface, projected, labels->labels, cell_size, &chosen, &layer, &counts);
+    pci_knn rims = {0};
+    pci_bvh *visual = NULL;
+    status = pci_bvh_create(context, stage, surface, &visual);
+    if (status == PC_OK) {
+        status = extract(&scratch, projected, labels->labels, &chosen, &layer, &counts);
+    }
+    if (status == PC_OK) {
+        status = find_rims(&scratch, surface, visual, cell_size, &rims);
+    }
+    if (status == PC_OK) {
+        status = cut(&scratch, visual, &rims, cell_size, &chosen, &layer, &counts);
+    }
+    if (status == PC_OK) {
+        status = measure(&scratch, surface, &layer, cell_size, &counts);
+    }
+    pci_bvh_destroy(context, visual);
     pci_scratch_end(&scratch);
     if (status != PC_OK) {
         pc_mesh_free(context, &layer);

@@ -8,63 +8,59 @@ typedef struct clustering {
     const double *weights, *scales;
     size_t count; // clusters
     uint32_t *cluster;
-    double *masses;     // per cluster
-    double *moments;    // per cluster, 3: sum of weighted positions
-    uint32_t *sizes;    // per cluster, vertices
-    uint32_t *modified; // per cluster, last pass that changed it
-    double origin[3];   // positions count from here, against cancellation
+    double *masses;                      // per cluster
+    double *moments;                     // per cluster, 3: sum of weighted positions
+    uint32_t *sizes;                     // per cluster, vertices
+    uint32_t *modified;                  // per cluster, last pass that changed it
+    uint32_t *pieces, *queue, *heaviest; // #V, #V, per cluster: work space of attach_orphans
+    double *piece_masses;                // #V
+    double origin[3];                    // positions count from here, against cancellation
 } clustering;
 
-// Farthest-point seeds along edges: each new seed is the vertex farthest from all earlier ones, and
-// takes over what is nearer to it. Parts that no seed reaches are infinitely far and come first.
-static bool place_seeds(clustering *c, uint32_t first) {
+// ---- seeds --------------------------------------------------------------------------------------
+
+// Distances along edges to the seeds placed so far.
+typedef struct seeding {
+    clustering *clusters;
+    double *distances; // #V
+    pci_heap front;    // of the seed that spreads
+    double reach;      // of a seed
+    size_t count;      // seeds
+} seeding;
+
+// Makes `vertex` a seed, which takes over what is within reach and nearer to it than to all earlier
+// ones.
+static bool plant(seeding *s, uint32_t vertex) {
+    clustering *c = s->clusters;
     const pci_halfedge *mesh = c->mesh;
-    double *distances = PCI_SCRATCH(c->scratch, double, mesh->vertex_count);
-    if (distances == NULL) {
+    const uint32_t seed = (uint32_t)s->count++;
+    s->distances[vertex] = 0.0;
+    c->cluster[vertex] = seed;
+    if (!pci_keep_going(c->scratch->context) ||
+        !pci_heap_push(c->scratch, &s->front, 0.0, vertex)) {
         return false;
     }
-    pci_heap farthest = {0}, front = {0};
-    for (size_t v = 0; v < mesh->vertex_count; ++v) {
-        distances[v] = INFINITY;
-        if (!pci_heap_push(c->scratch, &farthest, -INFINITY, (uint32_t)v)) {
-            return false;
+    pci_heap_entry entry;
+    while (pci_heap_pop(&s->front, &entry)) {
+        const uint32_t v = entry.item;
+        if (entry.key > s->distances[v]) {
+            continue;
         }
-    }
-    for (size_t seed = 0; seed < c->count; ++seed) {
-        pci_heap_entry entry = {0.0, first};
-        while (seed > 0 && pci_heap_pop(&farthest, &entry) &&
-               -entry.key > distances[entry.item]) { // came nearer since
-            if (!pci_heap_push(c->scratch, &farthest, -distances[entry.item], entry.item)) {
-                return false;
-            }
-        }
-        distances[entry.item] = 0.0;
-        c->cluster[entry.item] = (uint32_t)seed;
-        if (!pci_keep_going(c->scratch->context) ||
-            !pci_heap_push(c->scratch, &front, 0.0, entry.item)) {
-            return false;
-        }
-        while (pci_heap_pop(&front, &entry)) {
-            const uint32_t v = entry.item;
-            if (entry.key > distances[v]) {
-                continue;
-            }
-            PCI_FOR_OUTGOING(mesh, v, h) {
-                // Targets of the outgoing half-edges, and the last neighbour of an open fan.
-                const uint32_t ends[2] = {pci_target(mesh, h), mesh->corners[pci_previous(h)]};
-                const size_t end_count = mesh->twins[pci_previous(h)] == PC_INVALID_INDEX ? 2 : 1;
-                for (size_t i = 0; i < end_count; ++i) {
-                    const double distance =
-                        entry.key +
-                        0.5 * (c->scales[v] + c->scales[ends[i]]) *
-                            sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)v],
-                                                      &mesh->positions[3 * (size_t)ends[i]]));
-                    if (distance < distances[ends[i]]) {
-                        distances[ends[i]] = distance;
-                        c->cluster[ends[i]] = (uint32_t)seed;
-                        if (!pci_heap_push(c->scratch, &front, distance, ends[i])) {
-                            return false;
-                        }
+        PCI_FOR_OUTGOING(mesh, v, h) {
+            // Targets of the outgoing half-edges, and the last neighbour of an open fan.
+            const uint32_t ends[2] = {pci_target(mesh, h), mesh->corners[pci_previous(h)]};
+            const size_t end_count = mesh->twins[pci_previous(h)] == PC_INVALID_INDEX ? 2 : 1;
+            for (size_t i = 0; i < end_count; ++i) {
+                const double distance =
+                    entry.key +
+                    0.5 * (c->scales[v] + c->scales[ends[i]]) *
+                        sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)v],
+                                                  &mesh->positions[3 * (size_t)ends[i]]));
+                if (distance < s->distances[ends[i]] && distance < s->reach) {
+                    s->distances[ends[i]] = distance;
+                    c->cluster[ends[i]] = seed;
+                    if (!pci_heap_push(c->scratch, &s->front, distance, ends[i])) {
+                        return false;
                     }
                 }
             }
@@ -72,6 +68,73 @@ static bool place_seeds(clustering *c, uint32_t first) {
     }
     return true;
 }
+
+// Plants seeds in the order of the vertices, none within reach of an earlier one, until all
+// vertices are within reach of one; no more than `limit`. False: out of memory or cancelled.
+static bool pack_seeds(seeding *s, uint32_t first, size_t limit) {
+    const size_t nv = s->clusters->mesh->vertex_count;
+    s->count = 0;
+    for (size_t v = 0; v < nv; ++v) {
+        s->distances[v] = INFINITY;
+    }
+    for (size_t i = 0; i < nv && s->count < limit; ++i) {
+        const uint32_t v = (uint32_t)((first + i) % nv);
+        if (isinf(s->distances[v]) && !plant(s, v)) {
+            return false;
+        }
+    }
+    return true;
+}
+
+// Plants each new seed at the vertex farthest from all earlier ones, up to the number of clusters.
+// Parts that no seed reaches are infinitely far and come first.
+static bool fill_seeds(seeding *s) {
+    clustering *c = s->clusters;
+    pci_heap farthest = {0};
+    for (size_t v = 0; v < c->mesh->vertex_count; ++v) {
+        if (!pci_heap_push(c->scratch, &farthest, -s->distances[v], (uint32_t)v)) {
+            return false;
+        }
+    }
+    s->reach = INFINITY;
+    pci_heap_entry entry;
+    while (s->count < c->count && pci_heap_pop(&farthest, &entry)) {
+        const bool nearer_since = -entry.key > s->distances[entry.item];
+        if (nearer_since
+                ? !pci_heap_push(c->scratch, &farthest, -s->distances[entry.item], entry.item)
+                : !plant(s, entry.item)) {
+            return false;
+        }
+    }
+    return true;
+}
+
+// Farthest-point seeds along edges. The first ones, which would each visit most of the mesh, are
+// packed instead: about one in twenty, four edge lengths apart.
+static bool place_seeds(clustering *c, uint32_t first) {
+    static const double packing_reach = 4.0;
+    const size_t nv = c->mesh->vertex_count;
+    seeding s = {.clusters = c, .distances = PCI_SCRATCH(c->scratch, double, nv)};
+    if (s.distances == NULL) {
+        return false;
+    }
+    double area = 0.0; // in lengths that are scaled
+    for (size_t v = 0; v < nv; ++v) {
+        area += c->weights[v] / (c->scales[v] * c->scales[v]);
+    }
+    s.reach = packing_reach * sqrt(2.0 / sqrt(3.0) * area / (double)c->count);
+    // Thin ropes have length but no area: they need a wider reach.
+    const size_t limit = c->count / 2 + 1;
+    do {
+        if (!pack_seeds(&s, first, limit)) {
+            return false;
+        }
+        s.reach *= 2.0;
+    } while (s.count == limit && s.count > 1);
+    return fill_seeds(&s);
+}
+
+// ---- exchanges ----------------------------------------------------------------------------------
 
 static void sum_clusters(clustering *c) {
     memset(c->masses, 0, c->count * sizeof(*c->masses));
@@ -144,19 +207,14 @@ static size_t sweep(clustering *c, uint32_t pass) {
 }
 
 // Keeps the heaviest piece of every cluster; the other pieces go to neighbours, ring by ring.
-// Returns the number of vertices that moved; false in `done` when memory ran out.
-static size_t attach_orphans(clustering *c, bool *done) {
+// Returns the number of vertices that moved.
+static size_t attach_orphans(clustering *c) {
     const pci_halfedge *mesh = c->mesh;
     const size_t nv = mesh->vertex_count;
-    uint32_t *piece = PCI_SCRATCH(c->scratch, uint32_t, nv);
-    uint32_t *queue = PCI_SCRATCH(c->scratch, uint32_t, nv);
-    double *piece_masses = PCI_SCRATCH(c->scratch, double, nv);
-    uint32_t *heaviest = PCI_SCRATCH(c->scratch, uint32_t, c->count);
-    *done = !c->scratch->failed;
-    if (!*done) {
-        return 0;
-    }
+    uint32_t *piece = c->pieces, *queue = c->queue, *heaviest = c->heaviest;
+    double *piece_masses = c->piece_masses;
     memset(piece, 0xff, nv * sizeof(*piece));
+    memset(piece_masses, 0, nv * sizeof(*piece_masses));
     memset(heaviest, 0xff, c->count * sizeof(*heaviest));
     uint32_t pieces = 0;
     for (size_t start = 0; start < nv; ++start) {
@@ -210,46 +268,52 @@ static size_t attach_orphans(clustering *c, bool *done) {
     return orphans;
 }
 
-bool pci_cluster_vertices(pci_scratch *scratch, const pci_halfedge *mesh, const double *weights,
-                          const double *scales, size_t cluster_count, uint32_t first,
-                          uint32_t passes, uint32_t *cluster, uint64_t *iterations) {
-    clustering c = {.scratch = scratch,
-                    .mesh = mesh,
-                    .weights = weights,
-                    .scales = scales,
-                    .count = cluster_count,
-                    .cluster = cluster};
-    c.masses = PCI_SCRATCH(scratch, double, cluster_count);
-    c.moments = PCI_SCRATCH(scratch, double, 3 * cluster_count);
-    c.sizes = PCI_SCRATCH(scratch, uint32_t, cluster_count);
-    c.modified = PCI_SCRATCH(scratch, uint32_t, cluster_count);
-    if (scratch->failed || !place_seeds(&c, first)) {
+static bool run(clustering *c, uint32_t first, uint32_t passes, uint64_t *iterations) {
+    c->masses = PCI_SCRATCH(c->scratch, double, c->count);
+    c->moments = PCI_SCRATCH(c->scratch, double, 3 * c->count);
+    c->sizes = PCI_SCRATCH(c->scratch, uint32_t, c->count);
+    c->modified = PCI_SCRATCH(c->scratch, uint32_t, c->count);
+    c->pieces = PCI_SCRATCH(c->scratch, uint32_t, c->mesh->vertex_count);
+    c->piece_masses = PCI_SCRATCH(c->scratch, double, c->mesh->vertex_count);
+    c->queue = PCI_SCRATCH(c->scratch, uint32_t, c->mesh->vertex_count);
+    c->heaviest = PCI_SCRATCH(c->scratch, uint32_t, c->count);
+    if (c->scratch->failed || !place_seeds(c, first)) {
         return false;
     }
-    memcpy(c.origin, mesh->positions, sizeof(c.origin));
+    memcpy(c->origin, c->mesh->positions, sizeof(c->origin));
     // Exchanges look at energies only, so they may tear a cluster; pieces are handed over whenever
     // the exchanges rest, and at the end.
-    bool done = true;
     size_t orphans = 1;
     uint32_t pass = 1;
-    *iterations = 0;
     while (orphans > 0 && pass <= passes) {
-        sum_clusters(&c);
-        for (size_t i = 0; i < cluster_count; ++i) {
-            c.modified[i] = pass;
+        sum_clusters(c);
+        for (size_t i = 0; i < c->count; ++i) {
+            c->modified[i] = pass;
         }
-        while (pass <= passes && sweep(&c, pass) > 0) {
-            if (!pci_keep_going(scratch->context)) {
+        while (pass <= passes && sweep(c, pass) > 0) {
+            if (!pci_keep_going(c->scratch->context)) {
                 return false;
             }
             ++pass;
         }
         ++pass;
-        orphans = attach_orphans(&c, &done);
-        if (!done) {
-            return false;
-        }
+        orphans = attach_orphans(c);
     }
     *iterations = pass - 1 < passes ? pass - 1 : passes;
     return true;
+}
+
+bool pci_cluster_vertices(pc_context *context, const pci_halfedge *mesh, const double *weights,
+                          const double *scales, size_t cluster_count, uint32_t first,
+                          uint32_t passes, uint32_t *cluster, uint64_t *iterations) {
+    pci_scratch scratch = pci_scratch_begin(context);
+    clustering c = {.scratch = &scratch,
+                    .mesh = mesh,
+                    .weights = weights,
+                    .scales = scales,
+                    .count = cluster_count,
+                    .cluster = cluster};
+    const bool done = run(&c, first, passes, iterations);
+    pci_scratch_end(&scratch);
+    return done;
 }

@@ -14,7 +14,7 @@
 // @param iterations  receives the passes done
 // Every component of the mesh gets a cluster if there are at least as many clusters as components.
 // False: out of memory or cancelled.
-bool pci_cluster_vertices(pci_scratch *scratch, const pci_halfedge *mesh, const double *weights,
+bool pci_cluster_vertices(pc_context *context, const pci_halfedge *mesh, const double *weights,
                           const double *scales, size_t cluster_count, uint32_t first,
                           uint32_t passes, uint32_t *cluster, uint64_t *iterations);
 

@@ -18,6 +18,9 @@ static const pc_field option_fields[] = {
                      "Start of the ray for opposite vertices, outside the vertex"),
     PCI_FIELD_OPTION(pc_graph_options, outward_offset, DOUBLE, 0.5, 0.0, 2.0, "voxels",
                      "Start of the ray for the outer distance, outside the vertex"),
+    PCI_FIELD_OPTION(pc_graph_options, tube_aspect, DOUBLE, 2.0, 0.0, 10.0, "",
+                     "Solids less than so many times as wide as thick are tubes, not sheets; 0: "
+                     "none is"),
 };
 const pc_record pc_graph_options_record = PCI_RECORD(option_fields, pc_graph_options);
 
@@ -212,6 +215,11 @@ static double find_edge_weights(const pci_topology *topology, const double *curv
 
 // ---- opposite vertices --------------------------------------------------------------------------
 
+enum { TUBE_DIRECTIONS = 6 };
+// Thinner solids are sheets, in voxels.
+static const double least_tube = 0.5;
+static const double pi = 3.14159265358979323846;
+
 typedef struct ray_filter {
     const pc_mesh *mesh;
     uint32_t vertex;
@@ -238,6 +246,41 @@ static pci_hit cast(const work *w, uint32_t vertex, double offset, bool inwards)
     return pci_bvh_cast(w->bvh, origin, direction, 0.0, INFINITY, accept_hit, &filter);
 }
 
+// Whether the solid between a vertex and its opposite, `thickness` below, is the inside of a tube
+// narrower than two voxels and not a sheet: across the tube it is about as wide as it is thick.
+// Near the border a sheet is short on one side only.
+static bool inside_tube(const work *w, uint32_t vertex, double thickness) {
+    if (thickness < least_tube * w->cell_size) {
+        return false;
+    }
+    const double *v = &w->mesh->positions[3 * (size_t)vertex];
+    const double *n = &w->normals[3 * (size_t)vertex];
+    const double limit = w->options->tube_aspect * thickness;
+    ray_filter filter = {.mesh = w->mesh, .vertex = vertex, .back_faces_only = true};
+    double x[3], y[3], middle[3];
+    tangent_frame(n, x, y);
+    for (size_t k = 0; k < 3; ++k) {
+        middle[k] = v[k] - 0.5 * thickness * n[k];
+    }
+    for (size_t i = 0; i < TUBE_DIRECTIONS; ++i) {
+        const double angle = pi * (double)i / TUBE_DIRECTIONS;
+        double width = 0.0;
+        for (int side = -1; side <= 1 && width < limit; side += 2) {
+            double direction[3];
+            for (size_t k = 0; k < 3; ++k) {
+                direction[k] = side * (cos(angle) * x[k] + sin(angle) * y[k]);
+            }
+            const pci_hit hit =
+                pci_bvh_cast(w->bvh, middle, direction, 0.0, limit, accept_hit, &filter);
+            width += hit.triangle != PC_INVALID_INDEX ? hit.distance : limit;
+        }
+        if (width < limit) {
+            return true;
+        }
+    }
+    return false;
+}
+
 static void find_opposites(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const work *w = user;
@@ -256,7 +299,9 @@ static void find_opposites(void *user, size_t begin, size_t end, uint32_t worker
             w->outer_distances[v] = outward + up.distance;
         }
         const pci_hit down = cast(w, (uint32_t)v, w->options->inward_offset * w->cell_size, true);
-        if (down.triangle == PC_INVALID_INDEX) {
+        const double inward = w->options->inward_offset * w->cell_size;
+        if (down.triangle == PC_INVALID_INDEX ||
+            inside_tube(w, (uint32_t)v, down.distance - inward)) {
             continue;
         }
         for (size_t c = 0; c < 3; ++c) {

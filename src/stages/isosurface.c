@@ -1,7 +1,7 @@
 #include "proxycloth/isosurface.h"
 
-#include "core/core.h"
 #include "core/topology.h"
+#include "stages/voxelize_internal.h"
 
 static const char stage[] = "isosurface";
 
@@ -476,6 +476,30 @@ static pc_status extract(pc_context *context, pci_scratch *scratch, extraction *
     return PC_OK;
 }
 
+static double iso_value(const pc_grid *grid, double iso_voxels) {
+    return iso_voxels * grid->cell_size * (1.0 + ISO_SLACK);
+}
+
+pc_status pci_marching_cubes(pc_context *context, const pc_grid *grid, double iso_voxels,
+                             pc_mesh *mesh) {
+    pci_scratch scratch = pci_scratch_begin(context);
+    extraction *e = PCI_SCRATCH(&scratch, extraction, 1);
+    pc_status status = e == NULL ? pci_fail_memory(context, stage) : PC_OK;
+    if (status == PC_OK) {
+        e->grid = grid;
+        e->iso = iso_value(grid, iso_voxels);
+        e->row_count = (size_t)grid->size[1] * grid->size[2];
+        status = extract(context, &scratch, e);
+        if (status == PC_OK) {
+            *mesh = e->mesh;
+        } else {
+            pc_mesh_free(context, &e->mesh);
+        }
+    }
+    pci_scratch_end(&scratch);
+    return status;
+}
+
 static pc_status check_grid(pc_context *context, const pc_grid *grid, double iso) {
     const uint32_t *size = grid->size;
     if (size[0] == 0 || size[1] == 0 || size[2] == 0 || size[0] > UINT16_MAX ||
@@ -507,40 +531,23 @@ pc_status pc_isosurface(pc_context *context, const pc_grid *grid,
     pc_isosurface_options chosen;
     pc_status status =
         pci_begin_stage(context, stage, &pc_isosurface_options_record, options, &chosen);
-    const double iso = chosen.iso_voxels * grid->cell_size * (1.0 + ISO_SLACK);
     if (status == PC_OK) {
-        status = check_grid(context, grid, iso);
+        status = check_grid(context, grid, iso_value(grid, chosen.iso_voxels));
     }
-    if (status != PC_OK) {
-        return status;
+    if (status == PC_OK) {
+        status = pci_marching_cubes(context, grid, chosen.iso_voxels, isosurface);
     }
-    pci_scratch scratch = pci_scratch_begin(context);
-    extraction *e = PCI_SCRATCH(&scratch, extraction, 1);
-    uint32_t *parents = NULL;
-    if (e == NULL) {
-        status = pci_fail_memory(context, stage);
-        goto cleanup;
-    }
-    e->grid = grid;
-    e->iso = iso;
-    e->row_count = (size_t)grid->size[1] * grid->size[2];
-    status = extract(context, &scratch, e);
     if (status == PC_OK && report != NULL) {
         // Every vertex has one fan, so surfaces that share no edge share no vertex either.
-        parents = PCI_SCRATCH(&scratch, uint32_t, e->mesh.vertex_count);
-        status = parents == NULL ? pci_fail_memory(context, stage) : PC_OK;
+        uint32_t *parents = PCI_ALLOCATE(context, uint32_t, isosurface->vertex_count);
+        if (parents == NULL) {
+            pc_mesh_free(context, isosurface);
+            return pci_fail_memory(context, stage);
+        }
+        *report = (pc_isosurface_report){.vertices = isosurface->vertex_count,
+                                         .triangles = isosurface->triangle_count,
+                                         .components = pci_vertex_components(isosurface, parents)};
+        pc_release(context, parents);
     }
-    if (status != PC_OK) {
-        pc_mesh_free(context, &e->mesh);
-        goto cleanup;
-    }
-    if (report != NULL) {
-        *report = (pc_isosurface_report){.vertices = e->mesh.vertex_count,
-                                         .triangles = e->mesh.triangle_count,
-                                         .components = pci_vertex_components(&e->mesh, parents)};
-    }
-    *isosurface = e->mesh;
-cleanup:
-    pci_scratch_end(&scratch);
     return status;
 }

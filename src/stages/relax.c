@@ -117,7 +117,7 @@ static void nearest_around(const pci_halfedge *fine, uint32_t foot, const double
     }
 }
 
-static void move_to(pci_relaxation *r, uint32_t v, const double target[3]) {
+void pci_relax_move(pci_relaxation *r, uint32_t v, const double target[3]) {
     const bool border = pci_is_border_vertex(r->coarse, v);
     double point[3] = {target[0], target[1], target[2]};
     r->feet[v] = walk(r->fine, r->feet[v], target, border);
@@ -125,11 +125,17 @@ static void move_to(pci_relaxation *r, uint32_t v, const double target[3]) {
     memcpy(&r->coarse->positions[3 * (size_t)v], point, sizeof(point));
 }
 
+double pci_relax_distance(const pci_relaxation *r, uint32_t v, const double point[3], bool border) {
+    double nearest[3] = {point[0], point[1], point[2]};
+    nearest_around(r->fine, walk(r->fine, r->feet[v], point, border), point, border, nearest);
+    return sqrt(pci_squared_distance(nearest, point));
+}
+
 void pci_relax_place(pci_relaxation *r) {
     for (uint32_t v = 0; v < r->coarse->vertex_count; ++v) {
         double target[3];
         memcpy(target, coarse_point(r, v), sizeof(target));
-        move_to(r, v, target);
+        pci_relax_move(r, v, target);
     }
 }
 
@@ -182,7 +188,7 @@ static bool slide(pci_relaxation *r, uint32_t v) {
     const uint32_t foot = r->feet[v];
     const double before = pci_relax_quality(r, v);
     for (size_t attempt = 0; attempt < 3; ++attempt) {
-        move_to(r, v, target);
+        pci_relax_move(r, v, target);
         const double after = pci_relax_quality(r, v);
         if (after > before || after >= good) {
             return true;

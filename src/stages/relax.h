@@ -19,6 +19,12 @@ typedef struct pci_relaxation {
 // Puts every coarse vertex onto the fine surface, at the point nearest to its position that can be
 // reached by walking downhill from its foot.
 void pci_relax_place(pci_relaxation *relaxation);
+// Puts vertex v onto the fine surface next to the target, likewise.
+void pci_relax_move(pci_relaxation *relaxation, uint32_t v, const double target[3]);
+// Distance of a point near vertex v from the fine surface or border, found by walking from the
+// vertex's foot.
+double pci_relax_distance(const pci_relaxation *relaxation, uint32_t v, const double point[3],
+                          bool border);
 // One pass of sliding and flipping. Returns the number of changes.
 size_t pci_relax_pass(pci_relaxation *relaxation);
 // One pass of flipping only.

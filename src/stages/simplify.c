@@ -5,13 +5,16 @@
 #include "core/core.h"
 #include "core/halfedge.h"
 #include "core/heap.h"
+#include "core/locality.h"
 #include "core/manifold.h"
 #include "core/topology.h"
 #include "stages/clustering.h"
 #include "stages/contraction.h"
 #include "stages/corners.h"
 #include "stages/fit.h"
+#include "stages/improve.h"
 #include "stages/sizing.h"
+#include "stages/untangle.h"
 
 static const char stage[] = "simplify";
 
@@ -61,6 +64,8 @@ static const size_t samples_per_cluster = 16;
 static const size_t relax_passes = 30;
 // Least quality of the triangles at a corner of the border.
 static const double pinned_quality = 0.5;
+// How far vertices may leave the surface for better angles, in expected edge lengths.
+static const double reaches[] = {0.1, 0.2, 0.4};
 // Passes of fitting.
 static const size_t fit_passes = 10;
 
@@ -69,11 +74,22 @@ static double edge_length(const pci_halfedge *mesh, uint32_t h) {
                                      &mesh->positions[3 * (size_t)pci_target(mesh, h)]));
 }
 
+static bool push_edge(pci_scratch *scratch, const pci_halfedge *mesh, uint32_t h, pci_heap *heap) {
+    const uint32_t twin = mesh->twins[h];
+    const uint32_t edge = twin < h ? twin : h;
+    return pci_heap_push(scratch, heap, -edge_length(mesh, edge), edge);
+}
+
 // Splits the longest edge until there are enough vertices.
 static bool refine(pci_scratch *scratch, pci_halfedge *mesh, size_t vertices) {
     pci_heap longest = {0};
+    const size_t missing = vertices > mesh->live_vertices ? vertices - mesh->live_vertices : 0;
+    if (!pci_halfedge_reserve(mesh, mesh->vertex_count + missing,
+                              mesh->triangle_count + 2 * missing)) {
+        return false;
+    }
     for (uint32_t h = 0; h < 3 * mesh->triangle_count && mesh->live_vertices < vertices; ++h) {
-        if (pci_is_edge(mesh, h) && !pci_heap_push(scratch, &longest, -edge_length(mesh, h), h)) {
+        if (pci_is_edge(mesh, h) && !push_edge(scratch, mesh, h, &longest)) {
             return false;
         }
     }
@@ -91,13 +107,11 @@ static bool refine(pci_scratch *scratch, pci_halfedge *mesh, size_t vertices) {
         }
         // Every triangle at the new vertex was rewritten.
         PCI_FOR_OUTGOING(mesh, v, h) {
-            const uint32_t around[3] = {h, pci_next(h), pci_previous(h)};
-            for (size_t i = 0; i < 3; ++i) {
-                const uint32_t twin = mesh->twins[around[i]];
-                const uint32_t edge = twin < around[i] ? twin : around[i];
-                if (!pci_heap_push(scratch, &longest, -edge_length(mesh, edge), edge)) {
-                    return false;
-                }
+            const bool last = mesh->twins[pci_previous(h)] == PC_INVALID_INDEX;
+            if (!push_edge(scratch, mesh, h, &longest) ||
+                !push_edge(scratch, mesh, pci_next(h), &longest) ||
+                (last && !push_edge(scratch, mesh, pci_previous(h), &longest))) {
+                return false;
             }
         }
     }
@@ -179,10 +193,27 @@ typedef struct sampling {
     double spacing;  // edge length of uniform clusters
 } sampling;
 
+// Enough vertices for the clusters, neighbours next to each other in memory.
+static bool sample(pci_scratch *scratch, const pc_mesh *layer, size_t vertices,
+                   pci_halfedge *mesh) {
+    pci_scratch inner = pci_scratch_begin(scratch->context);
+    pci_halfedge refined;
+    pc_mesh sorted = {0};
+    bool done = pci_halfedge_build(&inner, layer, &refined) &&
+                refine(&inner, &refined, samples_per_cluster * vertices);
+    if (done) {
+        const pc_mesh unsorted = {refined.vertex_count, refined.positions, refined.triangle_count,
+                                  refined.corners};
+        done =
+            pci_sort_mesh(&inner, &unsorted, &sorted) && pci_halfedge_build(scratch, &sorted, mesh);
+    }
+    pci_scratch_end(&inner);
+    return done;
+}
+
 static bool begin_sampling(pci_scratch *scratch, const pc_mesh *layer, size_t vertices,
                            sampling *s) {
-    if (!pci_halfedge_build(scratch, layer, &s->mesh) ||
-        !refine(scratch, &s->mesh, samples_per_cluster * vertices)) {
+    if (!sample(scratch, layer, vertices, &s->mesh)) {
         return false;
     }
     const size_t nv = s->mesh.vertex_count;
@@ -226,8 +257,8 @@ static bool cluster_samples(pci_scratch *scratch, sampling *s, const pc_simplify
                             uint32_t *cluster, uint64_t *iterations) {
     const size_t nv = s->mesh.vertex_count;
     const uint32_t first = (uint32_t)(pci_random(options->seed, 0, 0) * (double)nv);
-    if (!pci_cluster_vertices(scratch, &s->mesh, s->weights, s->scales, options->vertices, first,
-                              options->clustering_iterations, cluster, iterations)) {
+    if (!pci_cluster_vertices(scratch->context, &s->mesh, s->weights, s->scales, options->vertices,
+                              first, options->clustering_iterations, cluster, iterations)) {
         return false;
     }
     if (options->narrow_refinement == 1.0) {
@@ -241,8 +272,9 @@ static bool cluster_samples(pci_scratch *scratch, sampling *s, const pc_simplify
         // The density of a centroidal Voronoi diagram is the fourth power of the inverse size.
         s->weights[v] = s->areas[v] * pow(s->scales[v], 4.0);
     }
-    return pci_cluster_vertices(scratch, &s->mesh, s->weights, s->scales, options->vertices, first,
-                                options->clustering_iterations, cluster, iterations);
+    return pci_cluster_vertices(scratch->context, &s->mesh, s->weights, s->scales,
+                                options->vertices, first, options->clustering_iterations, cluster,
+                                iterations);
 }
 
 // Puts the nearest border vertex on each corner of the border, once.
@@ -282,7 +314,7 @@ static bool pin_corners(pci_scratch *scratch, const sampling *s, const uint32_t 
 
 // Evens out the coarse mesh on the fine one, then fits its triangles to it.
 static bool relax_and_fit(pci_scratch *scratch, const sampling *s, pci_halfedge *coarse,
-                          uint32_t *feet, const uint32_t *nearby) {
+                          uint32_t *feet, uint32_t *nearby) {
     uint8_t *pinned = PCI_SCRATCH(scratch, uint8_t, coarse->vertex_count);
     if (pinned == NULL) {
         return false;
@@ -298,7 +330,18 @@ static bool relax_and_fit(pci_scratch *scratch, const sampling *s, pci_halfedge 
     for (uint32_t v = 0; v < coarse->vertex_count; ++v) {
         pinned[v] = pinned[v] && pci_relax_quality(&relaxation, v) >= pinned_quality;
     }
-    return pci_fit(scratch, &relaxation, nearby, s->areas, s->arcs, s->spacing, fit_passes);
+    if (!pci_improve(scratch, &relaxation, s->spacing, nearby) ||
+        !pci_fit(scratch, &relaxation, nearby, s->areas, s->arcs, s->spacing, fit_passes)) {
+        return false;
+    }
+    // What little is left to do may leave the surface, the less the better.
+    for (size_t i = 0; i < sizeof(reaches) / sizeof(reaches[0]); ++i) {
+        if (!pci_widen_slivers(scratch, &relaxation, reaches[i] * s->spacing)) {
+            return false;
+        }
+    }
+    size_t crossings = 0;
+    return pci_untangle(scratch, &relaxation, s->spacing, &crossings);
 }
 
 static pc_status measure(pci_scratch *scratch, const pc_mesh *mesh, size_t wanted,
@@ -357,8 +400,10 @@ static pc_status simplify(pci_scratch *scratch, pc_mesh *layer, const pc_simplif
         !relax_and_fit(scratch, &s, &coarse, feet, nearby)) {
         return pci_fail_memory(context, stage);
     }
-    memcpy(proxy->positions, coarse.positions, 3 * proxy->vertex_count * sizeof(double));
-    memcpy(proxy->triangles, coarse.corners, 3 * proxy->triangle_count * sizeof(uint32_t));
+    pc_mesh_free(context, proxy); // vertices inside may have become vertices on the border
+    if (!pci_halfedge_export(&coarse, proxy, NULL)) {
+        return pci_fail_memory(context, stage);
+    }
     return measure(scratch, proxy, options->vertices, report);
 }
 

@@ -1,13 +1,15 @@
 #include "proxycloth/skin.h"
 
-#include "core/bvh.h"
-#include "core/knn.h"
 #include "core/topology.h"
-#include "stages/skin_internal.h"
+#include "stages/skin_fit.h"
 
 static const char stage[] = "skin";
 
+static const char *const solver_choices[] = {"alternate", "adamw", NULL};
+
 static const pc_field option_fields[] = {
+    PCI_FIELD_CHOICE(pc_skin_options, solver, PC_SKIN_ALTERNATE, 1, solver_choices,
+                     "Optimiser of the weights"),
     PCI_FIELD_OPTION(pc_skin_options, influences, UINT, 4, 1, 32, "",
                      "K: influences per visual vertex"),
     PCI_FIELD_OPTION(
@@ -22,6 +24,15 @@ static const pc_field option_fields[] = {
                      "Weight of L_c"),
     PCI_FIELD_OPTION(pc_skin_options, lambda_attachment, DOUBLE, 0.1, 0.0, 1000000.0, "",
                      "Weight of L_a"),
+    PCI_FIELD_OPTION(
+        pc_skin_options, lambda_follow, DOUBLE, 1.0, 0.0, 1000000.0, "",
+        "Weight of L_f, following the closest point of the proxy: more keeps the motion "
+        "of the proxy, less gives smoother shape; alternate only"),
+    PCI_FIELD_OPTION(pc_skin_options, rounds, UINT, 32, 0, 100000, "rounds",
+                     "Passes over all frames at most; alternate only"),
+    PCI_FIELD_OPTION(pc_skin_options, round_gain, DOUBLE, 0.001, 0.0, 1.0, "",
+                     "Stops when a round gains less than this share of the gain so far; alternate "
+                     "only"),
     PCI_FIELD_OPTION(pc_skin_options, epochs, UINT, 100, 0, 100000, "epochs",
                      "Passes over all frames"),
     PCI_FIELD_OPTION(pc_skin_options, batch, UINT, 16, 1, 100000, "frames",
@@ -51,6 +62,7 @@ static const pc_field report_fields[] = {
     PCI_FIELD_REPORT(
         pc_skin_report, spatial_share, DOUBLE, "",
         "Share of lambda_c and lambda_a in the last epochs, below 1 where L_c would cost L_r"),
+    PCI_FIELD_REPORT(pc_skin_report, rounds, COUNT, "", "Passes over all frames, alternate"),
     PCI_FIELD_REPORT(pc_skin_report, reflections, COUNT, "",
                      "Vertices and frames whose 1-ring is turned inside out"),
     PCI_FIELD_REPORT(pc_skin_report, bones_used, COUNT, "", "Proxy vertices with any weight"),
@@ -99,117 +111,7 @@ static void set_driver(pci_skin_problem *problem, const pc_mesh *proxy, const pc
     problem->frames = motion->positions;
 }
 
-// ---- candidates ---------------------------------------------------------------------------------
-
-typedef struct closest_job {
-    const pci_bvh *bvh;
-    const pc_mesh *surface;
-    pci_closest *closest; // #V
-} closest_job;
-
-static void find_closest(void *user, size_t begin, size_t end, uint32_t worker) {
-    (void)worker;
-    const closest_job *job = user;
-    for (size_t v = begin; v < end; ++v) {
-        job->closest[v] = pci_bvh_closest(job->bvh, &job->surface->positions[3 * v], INFINITY);
-    }
-}
-
-// The closest point of the proxy for every visual vertex.
-static pc_status find_closest_points(pc_context *context, const pc_mesh *surface,
-                                     const pc_mesh *proxy, pci_closest *closest) {
-    pci_bvh *bvh = NULL;
-    const pc_status status = pci_bvh_create(context, stage, proxy, &bvh);
-    if (status != PC_OK) {
-        return status;
-    }
-    closest_job job = {.bvh = bvh, .surface = surface, .closest = closest};
-    pci_parallel_for(context, surface->vertex_count, 256, find_closest, &job);
-    pci_bvh_destroy(context, bvh);
-    return PC_OK;
-}
-
-typedef struct candidate_job {
-    const pci_knn *knn;
-    const pc_mesh *surface, *proxy;
-    const pci_closest *closest;
-    uint32_t slots;
-    uint32_t *bones;   // #V by slots
-    double *surrogate; // #V by slots
-} candidate_job;
-
-enum { CANDIDATES_MAX = 32, PHASES = 3 };
-static const double distance_share = 0.1; // of the first guess
-static const double rigid_share = 0.7;    // more of its L_r left: L_c gets less weight
-
-// Candidates of one vertex: the corners of the closest triangle, then the nearest proxy vertices.
-// First guess: mostly the barycentric coordinates, the rest by inverse distance; nothing is 0,
-// where the gradient of |s| vanishes.
-static void fill_candidates(void *user, size_t begin, size_t end, uint32_t worker) {
-    (void)worker;
-    const candidate_job *job = user;
-    for (size_t v = begin; v < end; ++v) {
-        const double *position = &job->surface->positions[3 * v];
-        const pci_closest *closest = &job->closest[v];
-        uint32_t *bones = &job->bones[v * job->slots];
-        double *s = &job->surrogate[v * job->slots];
-        uint32_t count = 0, near[CANDIDATES_MAX];
-        double squared[CANDIDATES_MAX], barycentric[CANDIDATES_MAX] = {0}, sum = 0.0, mean = 0.0;
-        for (size_t c = 0; c < 3 && count < job->slots; ++c) {
-            const uint32_t corner = job->proxy->triangles[3 * (size_t)closest->triangle + c];
-            bool known = false;
-            for (uint32_t k = 0; k < count; ++k) {
-                known = known || bones[k] == corner;
-            }
-            if (!known) {
-                barycentric[count] = closest->barycentric[c];
-                bones[count++] = corner;
-            }
-        }
-        const size_t found =
-            pci_knn_query(job->knn, position, job->slots, PC_INVALID_INDEX, near, squared);
-        for (size_t i = 0; i < found && count < job->slots; ++i) {
-            bool known = false;
-            for (uint32_t k = 0; k < count; ++k) {
-                known = known || bones[k] == near[i];
-            }
-            if (!known) {
-                bones[count++] = near[i];
-            }
-        }
-        for (uint32_t k = 0; k < count; ++k) {
-            s[k] =
-                sqrt(pci_squared_distance(position, &job->proxy->positions[3 * (size_t)bones[k]]));
-            mean += s[k] / (double)count;
-        }
-        for (uint32_t k = 0; k < count; ++k) {
-            s[k] = mean > 0.0 ? 1.0 / (s[k] + 0.01 * mean) : 1.0;
-            sum += s[k];
-        }
-        for (uint32_t k = 0; k < count; ++k) {
-            s[k] = distance_share * s[k] / sum + (1.0 - distance_share) * barycentric[k];
-        }
-    }
-}
-
 // ---- the result ---------------------------------------------------------------------------------
-
-// Sorts one row by falling weight, ties to the smaller bone.
-static void sort_row(uint32_t *bones, double *weights, uint32_t count) {
-    for (uint32_t i = 1; i < count; ++i) {
-        const uint32_t bone = bones[i];
-        const double weight = weights[i];
-        uint32_t at = i;
-        for (; at > 0 &&
-               (weights[at - 1] < weight || (weights[at - 1] == weight && bones[at - 1] > bone));
-             --at) {
-            bones[at] = bones[at - 1];
-            weights[at] = weights[at - 1];
-        }
-        bones[at] = bone;
-        weights[at] = weight;
-    }
-}
 
 // Makes rows of `count` sorted influences sum to 1; slots without weight repeat the first bone.
 static bool finish_rows(pc_skin *skin) {
@@ -239,164 +141,38 @@ static bool allocate_skin(pc_context *context, size_t vertex_count, uint32_t inf
     return skin->bones != NULL && skin->weights != NULL;
 }
 
-// The `kept` largest weights of each row become the next problem.
-static void cut_rows(size_t vertex_count, uint32_t slots, uint32_t *bones, double *surrogate,
-                     uint32_t kept, uint32_t *kept_bones, double *kept_surrogate) {
-    for (size_t v = 0; v < vertex_count; ++v) {
-        double weights[CANDIDATES_MAX];
-        pci_skin_normalize(&surrogate[v * slots], slots, weights);
-        sort_row(&bones[v * slots], weights, slots);
-        memcpy(&kept_bones[v * kept], &bones[v * slots], kept * sizeof(*bones));
-        pci_skin_normalize(weights, kept, &kept_surrogate[v * kept]);
-    }
-}
-
-// ---- optimisation -------------------------------------------------------------------------------
-
-typedef struct fit {
-    pc_context *context;
-    const pc_skin_options *options;
-    pci_skin_problem problem;
-    uint32_t *bones;
-    double *surrogate;
-    double spatial_share; // of lambda_c and lambda_a that is used
-} fit;
-
-// Losses per norm and frame, in double.
-static pc_status measure(pci_scratch *scratch, const fit *f, double losses[3], double *total,
-                         uint64_t *reflections) {
-    const pci_skin_problem *p = &f->problem;
-    const double lambda[3] = {f->options->lambda_rigid, f->options->lambda_collision,
-                              f->options->lambda_attachment};
-    double *weights = PCI_SCRATCH(scratch, double, p->vertex_count * p->slots);
-    if (weights == NULL) {
-        return pci_fail_memory(f->context, stage);
-    }
-    for (size_t v = 0; v < p->vertex_count; ++v) {
-        pci_skin_normalize(&f->surrogate[v * p->slots], p->slots, &weights[v * p->slots]);
-    }
-    pci_skin_measures measures;
-    const pc_status status =
-        pci_skin_measure(f->context, p, pci_skin_kernel_double(), weights, &measures, NULL);
-    *total = 0.0;
-    for (size_t x = 0; x < 3; ++x) {
-        const double norm = p->norms[x] * (double)p->frame_count;
-        losses[x] = norm > 0.0 ? measures.losses[x] / norm : 0.0;
-        *total += lambda[x] * losses[x];
-    }
-    *reflections = measures.reflections;
-    return status;
-}
-
-// The share of the epochs from `begin` to `end`; the last ones with a falling learning rate.
-static pc_status descend(const fit *f, double begin, double end) {
-    const pc_skin_options *o = f->options;
-    const double epochs = (double)o->epochs;
-    const pci_skin_descent settings = {
-        .lambda = {o->lambda_rigid, f->spatial_share * o->lambda_collision,
-                   f->spatial_share * o->lambda_attachment},
-        .epochs = (uint32_t)round(end * epochs) - (uint32_t)round(begin * epochs),
-        .batch = o->batch,
-        .learning_rate = o->learning_rate,
-        .weight_decay = o->weight_decay,
-        // The loss is a mean over the vertices; so is the scale of its gradient.
-        .epsilon = 1e-8 / (double)f->problem.vertex_count,
-        .decay = end == 1.0,
-        .seed = o->seed,
-        .progress_begin = begin,
-        .progress_end = end,
-    };
-    return pci_skin_descend(f->context, &f->problem, pci_skin_kernel_float(), &settings,
-                            f->surrogate);
-}
-
 static pc_status prepare(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *proxy,
-                         const pc_motion *motion, fit *f) {
+                         const pc_motion *motion, pci_skin_fit *f) {
     const pc_skin_options *o = f->options;
     const uint32_t wanted = o->candidates > o->influences ? o->candidates : o->influences;
     const uint32_t slots = wanted < proxy->vertex_count ? wanted : (uint32_t)proxy->vertex_count;
     const size_t nv = surface->vertex_count;
-    pci_knn knn;
-    if (!pci_skin_problem_build(scratch, surface, o->neighbours, &f->problem) ||
-        !pci_knn_build(scratch, proxy->vertex_count, proxy->positions, &knn)) {
+    if (!pci_skin_problem_build(scratch, surface, o->neighbours, &f->problem)) {
         return pci_fail_memory(f->context, stage);
     }
+    f->proxy = proxy;
+    f->pinned = motion->pinned;
     f->bones = PCI_SCRATCH(scratch, uint32_t, nv * slots);
-    f->surrogate = PCI_SCRATCH(scratch, double, nv *slots);
-    pci_closest *closest = PCI_SCRATCH(scratch, pci_closest, nv);
+    f->weights = PCI_SCRATCH(scratch, double, nv *slots);
+    f->closest = PCI_SCRATCH(scratch, pci_closest, nv);
     if (scratch->failed) {
         return pci_fail_memory(f->context, stage);
     }
-    const pc_status status = find_closest_points(f->context, surface, proxy, closest);
+    const pc_status status = pci_skin_closest_points(f->context, surface, proxy, f->closest);
     if (status != PC_OK) {
         return status;
     }
-    candidate_job job = {.knn = &knn,
-                         .surface = surface,
-                         .proxy = proxy,
-                         .closest = closest,
-                         .slots = slots,
-                         .bones = f->bones,
-                         .surrogate = f->surrogate};
-    pci_parallel_for(f->context, nv, 256, fill_candidates, &job);
+    if (!pci_skin_find_candidates(scratch, surface, proxy, f->closest, slots, f->bones,
+                                  f->weights)) {
+        return pci_fail_memory(f->context, stage);
+    }
     set_driver(&f->problem, proxy, motion);
     f->problem.slots = slots;
     f->problem.bones = f->bones;
     return PC_OK;
 }
 
-// Cuts to the K heaviest influences and writes them into the result.
-static pc_status cut(pci_scratch *scratch, fit *f, uint32_t kept) {
-    const size_t nv = f->problem.vertex_count;
-    uint32_t *bones = PCI_SCRATCH(scratch, uint32_t, nv * kept);
-    double *surrogate = PCI_SCRATCH(scratch, double, nv *kept);
-    if (scratch->failed) {
-        return pci_fail_memory(f->context, stage);
-    }
-    cut_rows(nv, f->problem.slots, f->bones, f->surrogate, kept, bones, surrogate);
-    f->bones = bones;
-    f->surrogate = surrogate;
-    f->problem.slots = kept;
-    f->problem.bones = bones;
-    return PC_OK;
-}
-
-// All candidates, half way, K: cutting alone would lose most of the gain.
-static pc_status run_phases(pci_scratch *scratch, fit *f, pc_skin_report *report) {
-    const uint32_t slots = f->problem.slots, influences = f->options->influences;
-    const uint32_t kept = influences < slots ? influences : slots;
-    const uint32_t widths[PHASES] = {slots, (slots + kept + 1) / 2, kept};
-    static const double ends[PHASES] = {0.4, 0.6, 1.0};
-    // Layers that the proxy moves through each other cannot be held together by weights; they must
-    // not cost the shape of each layer. So L_c weighs no more than L_r at first, ...
-    const bool balanced = f->options->lambda_rigid > 0.0 && report->rigid_before > 0.0;
-    if (balanced && report->collision_before > report->rigid_before) {
-        f->spatial_share = report->rigid_before / report->collision_before;
-    }
-    pc_status status = PC_OK;
-    for (size_t phase = 0; phase < PHASES && status == PC_OK; ++phase) {
-        if (widths[phase] < f->problem.slots) {
-            status = cut(scratch, f, widths[phase]);
-        }
-        if (status == PC_OK) {
-            status = descend(f, phase == 0 ? 0.0 : ends[phase - 1], ends[phase]);
-        }
-        if (status == PC_OK && phase + 1 < PHASES) {
-            double losses[3] = {0.0}, total = 0.0;
-            uint64_t reflections = 0;
-            status = measure(scratch, f, losses, &total, &reflections);
-            report->full_loss = phase == 0 ? total : report->full_loss;
-            // ... and less where L_r does not fall.
-            if (balanced && losses[0] > rigid_share * report->rigid_before) {
-                f->spatial_share *= 0.25;
-            }
-        }
-    }
-    report->spatial_share = f->spatial_share;
-    return status;
-}
-
-static pc_status write_result(pci_scratch *scratch, const fit *f, pc_skin *skin,
+static pc_status write_result(pci_scratch *scratch, const pci_skin_fit *f, pc_skin *skin,
                               pc_skin_report *report) {
     const uint32_t kept = f->problem.slots, influences = f->options->influences;
     uint8_t *used = PCI_SCRATCH(scratch, uint8_t, f->problem.proxy_count);
@@ -407,8 +183,8 @@ static pc_status write_result(pci_scratch *scratch, const fit *f, pc_skin *skin,
         uint32_t *bones = &skin->bones[v * influences];
         double *weights = &skin->weights[v * influences];
         memcpy(bones, &f->bones[v * kept], kept * sizeof(*bones));
-        pci_skin_normalize(&f->surrogate[v * kept], kept, weights);
-        sort_row(bones, weights, kept);
+        pci_skin_normalize(&f->weights[v * kept], kept, weights);
+        pci_skin_sort_row(bones, weights, kept);
     }
     if (!finish_rows(skin)) {
         return pci_fail(f->context, PC_ERROR_NUMERICAL, stage,
@@ -436,20 +212,11 @@ pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface, const pc
     }
     pci_scratch scratch = pci_scratch_begin(context);
     pc_skin_report r = {0};
-    fit f = {.context = context, .options = &chosen, .spatial_share = 1.0};
-    double losses[3] = {0.0};
-    uint64_t reflections = 0;
+    pci_skin_fit f = {.context = context, .options = &chosen, .spatial_share = 1.0};
     status = prepare(&scratch, surface, proxy, motion, &f);
     if (status == PC_OK) {
-        status = measure(&scratch, &f, losses, &r.loss_before, &reflections);
-        r.rigid_before = losses[0], r.collision_before = losses[1], r.attachment_before = losses[2];
-    }
-    if (status == PC_OK) {
-        status = run_phases(&scratch, &f, &r);
-    }
-    if (status == PC_OK) {
-        status = measure(&scratch, &f, losses, &r.loss_after, &r.reflections);
-        r.rigid_after = losses[0], r.collision_after = losses[1], r.attachment_after = losses[2];
+        status = chosen.solver == PC_SKIN_ADAMW ? pci_skin_fit_adamw(&scratch, &f, &r)
+                                                : pci_skin_fit_alternate(&scratch, &f, &r);
     }
     if (status == PC_OK) {
         status = write_result(&scratch, &f, skin, &r);
@@ -481,7 +248,7 @@ pc_status pc_skin_closest_triangle(pc_context *context, const pc_mesh *surface,
     pci_scratch scratch = pci_scratch_begin(context);
     pci_closest *closest = PCI_SCRATCH(&scratch, pci_closest, nv);
     status = closest != NULL && allocate_skin(context, nv, 3, skin)
-                 ? find_closest_points(context, surface, proxy, closest)
+                 ? pci_skin_closest_points(context, surface, proxy, closest)
                  : pci_fail_memory(context, stage);
     for (size_t v = 0; status == PC_OK && v < nv; ++v) {
         for (size_t c = 0; c < 3; ++c) {
@@ -489,7 +256,7 @@ pc_status pc_skin_closest_triangle(pc_context *context, const pc_mesh *surface,
             skin->weights[3 * v + c] =
                 closest[v].barycentric[c] > 0.0 ? closest[v].barycentric[c] : 0.0;
         }
-        sort_row(&skin->bones[3 * v], &skin->weights[3 * v], 3);
+        pci_skin_sort_row(&skin->bones[3 * v], &skin->weights[3 * v], 3);
     }
     if (status == PC_OK && !finish_rows(skin)) {
         status = pci_fail(context, PC_ERROR_NUMERICAL, stage,

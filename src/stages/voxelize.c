@@ -1,22 +1,28 @@
-#include "proxycloth/voxelize.h"
-
-#include "core/bvh.h"
-#include "core/core.h"
+#include "stages/voxelize_internal.h"
 
 static const char stage[] = "voxelize";
 
 static const pc_field option_fields[] = {
-    PCI_FIELD_OPTION(pc_voxelize_options, voxels, UINT, 32, 4, 1024, "",
-                     "N_v: voxels along the longest side of the bounding box"),
+    PCI_FIELD_OPTION_OR(pc_voxelize_options, voxels, UINT, 32, 4, 1024, "", "auto",
+                        "N_v: voxels along the longest side of the bounding box"),
 };
 const pc_record pc_voxelize_options_record = PCI_RECORD(option_fields, pc_voxelize_options);
 
 static const pc_field report_fields[] = {
+    PCI_FIELD_REPORT(pc_voxelize_report, voxels, UINT, "", "N_v of the grid"),
     PCI_FIELD_REPORT(pc_voxelize_report, cell_size, DOUBLE, "input units",
                      "Side of a voxel, D / N_v"),
     PCI_FIELD_REPORT(pc_voxelize_report, samples, COUNT, "", "Lattice points in the narrow band"),
     PCI_FIELD_REPORT(pc_voxelize_report, queries, COUNT, "",
                      "Exact distances computed, including those that only pruned space"),
+    PCI_FIELD_REPORT(pc_voxelize_report, tunnels, COUNT, "",
+                     "auto: tunnels through the closed surface; one less than the openings of a "
+                     "garment of one layer"),
+    PCI_FIELD_REPORT(
+        pc_voxelize_report, narrowest_opening, DOUBLE, "input units",
+        "auto: the openings are about this wide or wider; 0: the number of tunnels never settled"),
+    PCI_FIELD_REPORT(pc_voxelize_report, layer_gap, DOUBLE, "input units",
+                     "auto: layers of cloth lie about this far apart; 0: found none"),
 };
 const pc_record pc_voxelize_report_record = PCI_RECORD(report_fields, pc_voxelize_report);
 
@@ -61,7 +67,7 @@ typedef struct voxelization {
 // ---- lattice ------------------------------------------------------------------------------------
 
 static pc_status place_lattice(pc_context *context, const pc_mesh *surface, uint32_t voxels,
-                               pc_grid *grid) {
+                               double band_voxels, pc_grid *grid) {
     double minimum[3], maximum[3], side = 0.0;
     for (size_t k = 0; k < 3; ++k) {
         minimum[k] = INFINITY, maximum[k] = -INFINITY;
@@ -82,7 +88,7 @@ static pc_status place_lattice(pc_context *context, const pc_mesh *surface, uint
         return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
                         "%s: the surface has no extent, its longest side is %g", stage, side);
     }
-    grid->band = BAND_VOXELS * grid->cell_size;
+    grid->band = band_voxels * grid->cell_size;
     for (size_t k = 0; k < 3; ++k) {
         // Rounding must not turn a whole number of cells into the next one.
         const double cells = ceil((maximum[k] - minimum[k]) / grid->cell_size - 1e-9);
@@ -282,7 +288,7 @@ static void sample_leaves(void *user, size_t begin, size_t end, uint32_t worker)
     }
 }
 
-static pc_status sample_band(pci_scratch *scratch, voxelization *v) {
+static pc_status sample_band(pci_scratch *scratch, voxelization *v, const pci_sampling *sampling) {
     v->values = PCI_SCRATCH(scratch, float, LEAF_POINTS * v->block_count);
     v->sampled = PCI_SCRATCH(scratch, uint8_t, v->block_count);
     v->computed = PCI_SCRATCH(scratch, uint8_t, v->block_count);
@@ -294,7 +300,8 @@ static pc_status sample_band(pci_scratch *scratch, voxelization *v) {
         const size_t left = v->block_count - v->first;
         pci_parallel_for(v->context, left < batch ? left : batch, 16, sample_leaves, v);
         const double done = (double)v->first / (double)v->block_count;
-        if (!pci_progress(v->context, stage, done)) {
+        if (!pci_progress(v->context, stage,
+                          sampling->from + done * (sampling->to - sampling->from))) {
             return pci_fail_cancelled(v->context, stage);
         }
     }
@@ -360,6 +367,29 @@ static pc_status gather_samples(pci_scratch *scratch, voxelization *v) {
 
 // ---- stage --------------------------------------------------------------------------------------
 
+pc_status pci_sample_distance(pc_context *context, const pc_mesh *surface, const pci_bvh *bvh,
+                              const pci_sampling *sampling, pc_grid *grid, uint64_t *queries) {
+    voxelization v = {.context = context, .surface = surface, .bvh = bvh};
+    pci_scratch scratch = pci_scratch_begin(context);
+    pc_status status =
+        place_lattice(context, surface, sampling->voxels, sampling->band_voxels, &v.grid);
+    if (status == PC_OK) {
+        status = find_leaves(&scratch, &v);
+    }
+    if (status == PC_OK) {
+        status = sample_band(&scratch, &v, sampling);
+    }
+    if (status == PC_OK) {
+        status = gather_samples(&scratch, &v);
+    }
+    pci_scratch_end(&scratch);
+    if (status == PC_OK) {
+        *grid = v.grid;
+        *queries += v.queries;
+    }
+    return status;
+}
+
 static bool is_empty(const pc_grid *grid) {
     return grid->samples == NULL && grid->values == NULL && grid->sample_count == 0;
 }
@@ -372,35 +402,33 @@ pc_status pc_voxelize(pc_context *context, const pc_mesh *surface,
                         "%s: surface or grid is NULL, or grid is not empty", stage);
     }
     pc_voxelize_options chosen;
-    voxelization v = {.context = context, .surface = surface};
+    pc_voxelize_report result = {0};
     pci_bvh *bvh = NULL;
-    pci_scratch scratch = pci_scratch_begin(context);
     pc_status status =
         pci_begin_stage(context, stage, &pc_voxelize_options_record, options, &chosen);
     if (status == PC_OK) {
-        status = place_lattice(context, surface, chosen.voxels, &v.grid);
+        pc_grid lattice; // a bad surface shows before any work
+        status = place_lattice(context, surface, PC_VOXELS_FLOOR, BAND_VOXELS, &lattice);
     }
     if (status == PC_OK) {
         status = pci_bvh_create(context, stage, surface, &bvh);
-        v.bvh = bvh;
+    }
+    result.voxels = chosen.voxels;
+    if (status == PC_OK && chosen.voxels == PC_VOXELS_AUTO) {
+        status = pci_choose_voxels(context, surface, bvh, &result);
     }
     if (status == PC_OK) {
-        status = find_leaves(&scratch, &v);
-    }
-    if (status == PC_OK) {
-        status = sample_band(&scratch, &v);
-    }
-    if (status == PC_OK) {
-        status = gather_samples(&scratch, &v);
+        const pci_sampling sampling = {.voxels = result.voxels,
+                                       .band_voxels = BAND_VOXELS,
+                                       .from = chosen.voxels == PC_VOXELS_AUTO ? 0.5 : 0.0,
+                                       .to = 1.0};
+        status = pci_sample_distance(context, surface, bvh, &sampling, grid, &result.queries);
     }
     pci_bvh_destroy(context, bvh);
-    pci_scratch_end(&scratch);
-    if (status == PC_OK) {
-        *grid = v.grid;
-        if (report != NULL) {
-            *report = (pc_voxelize_report){
-                .cell_size = grid->cell_size, .samples = grid->sample_count, .queries = v.queries};
-        }
+    if (status == PC_OK && report != NULL) {
+        result.cell_size = grid->cell_size;
+        result.samples = grid->sample_count;
+        *report = result;
     }
     return status;
 }

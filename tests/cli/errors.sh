@@ -58,7 +58,7 @@ expect 2 "no option -x" build cloth.obj -x
 expect 2 "--voxels: a value is missing" build cloth.obj -o out --voxels
 expect 2 "voxels = 1 is out of range, it must be between 4 and 1024" \
     build cloth.obj -o out --voxels 1
-expect 2 'voxels = "many" is not a whole number' build cloth.obj -o out --voxels many
+expect 2 'voxels = "many" is not a whole number or auto' build cloth.obj -o out --voxels many
 expect 2 'voxels = "32x" is not' build cloth.obj -o out --voxels=32x
 expect 2 "lambda_smooth = -1 is out of range" build cloth.obj -o out --lambda-smooth -1
 expect 2 "lambda_smooth = \"nan\"" build cloth.obj -o out --lambda-smooth nan
@@ -201,7 +201,7 @@ answer "^proxycloth [0-9]+\.[0-9]+\.[0-9]+$" version
 answer "^proxycloth [0-9]+\.[0-9]+\.[0-9]+$" --version
 answer "simplify +single-layer" help
 answer "130  interrupted" --help
-answer "--voxels NUMBER .*default 32; 4..1024" help build
+answer "--voxels NUMBER .*default 32; auto, 4..1024" help build
 answer "--carve, --no-carve" build --help
 answer "usage: proxycloth label" label -h
 answer '"sheet" .* 4 +2 +1 x 1 x 0' info cloth.obj

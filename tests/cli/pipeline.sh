@@ -84,6 +84,30 @@ done
 run 0 export skinned.h5 -o exported2 --name other --no-png
 holds exported2 "other.glb other.json other.proxy.obj"
 
+# Levels of detail: a build of its own gives the same proxy, motion and weights as a series.
+run 0 build outfit.obj -o series $quick --vertices=24,60 --no-png
+holds series "outfit.lod24.glb outfit.lod24.h5 outfit.lod24.json outfit.lod24.proxy.obj \
+outfit.lod60.glb outfit.lod60.h5 outfit.lod60.json outfit.lod60.proxy.obj"
+same series/outfit.lod60.proxy.obj exported/outfit.proxy.obj
+run 0 build outfit.obj -o alone $quick --vertices 24 --no-png --name outfit.lod24
+for extension in glb h5 proxy.obj; do
+    same series/outfit.lod24.$extension alone/outfit.lod24.$extension
+done
+cp stages.h5 kept.h5
+run 0 simplify stages.h5 --vertices 24,60
+same stages.h5 kept.h5
+run 0 simulate stages.lod24.h5 --frames 8
+run 0 skin stages.lod24.h5 --epochs 5
+same stages.lod24.h5 series/outfit.lod24.h5
+mkdir a.b
+run 0 simplify stages.h5 --vertices 24,60 -o a.b/levels
+holds a.b "levels.lod24 levels.lod60"
+for list in 24,24 24, ,24 24,x 24,3 24,25,26,27,28,29,30,31,32,33,34,35,36,37,38,39,40; do
+    run 2 build outfit.obj -o refused --vertices $list
+    grep -q -e '--vertices' stderr || fail "--vertices $list"
+done
+run 2 voxelize outfit.obj -o refused.h5 --vertices 24,60
+
 # An earlier stage drops the results of later ones; the visual mesh can be taken from an asset.
 run 0 simplify skinned.h5 -o earlier.h5 --vertices 60
 run 0 info earlier.h5
@@ -100,6 +124,13 @@ run 0 evaluate outfit.obj a/b/out/outfit.proxy.obj
 run 0 evaluate skinned.h5 skinned.h5
 
 # --mesh takes the named part only.
+run 0 voxelize outfit.obj -o auto.h5 --voxels auto
+run 0 info auto.h5
+grep -q '^ *voxels *auto$' stdout || fail "info hides that N_v was chosen"
+grep -Eq '^ *voxels *[0-9]+$' stdout || fail "info hides the N_v that was chosen"
+run 0 info auto.h5 --json
+grep -q '"voxels":.*"auto"' stdout || fail "JSON hides that N_v was chosen"
+
 run 0 voxelize outfit.obj -o part.h5 --mesh 'sc*' --voxels 16
 run 0 info part.h5
 grep -Eq '^  visual_triangles +96$' stdout || fail "--mesh takes another part"

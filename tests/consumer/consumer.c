@@ -7,6 +7,44 @@
 
 enum { SIDE = 24 };
 
+/* What an engine does: prepares once, then poses the vertex buffer every frame. */
+static int play(pc_context *context, const pc_asset *asset) {
+    enum { FLOATS = 8 }; /* of a vertex: position, normal, two texture coordinates */
+    pc_deformer *deformer = NULL;
+    if (pc_deform_prepare_asset(context, asset, &deformer) != PC_OK) {
+        return 1;
+    }
+    const size_t joints = asset->proxy.vertex_count, vertices = pc_deform_vertex_count(deformer);
+    float *proxy = malloc(3 * joints * sizeof(*proxy));
+    float *buffer = malloc(FLOATS * vertices * sizeof(*buffer));
+    void *pose = malloc(pc_deform_pose_size(deformer));
+    double length = 0.0, extent = 0.0;
+    if (proxy != NULL && buffer != NULL && pose != NULL) {
+        const pc_deform_output output = {.positions = buffer,
+                                         .position_stride = FLOATS * sizeof(float),
+                                         .normals = buffer + 3,
+                                         .normal_stride = FLOATS * sizeof(float)};
+        for (size_t frame = 0; frame < asset->motion.frame_count; ++frame) {
+            for (size_t i = 0; i < 3 * joints; ++i) {
+                proxy[i] = (float)asset->motion.positions[3 * frame * joints + i];
+            }
+            pc_deform_pose(deformer, proxy, 0, pose);
+            pc_deform(deformer, pose, 0, vertices / 2, &output);
+            pc_deform(deformer, pose, vertices / 2, vertices, &output);
+        }
+        length =
+            sqrt((double)(buffer[3] * buffer[3] + buffer[4] * buffer[4] + buffer[5] * buffer[5]));
+        for (size_t v = 0; v < vertices; ++v) {
+            extent = fmax(extent, fabs((double)buffer[FLOATS * v]));
+        }
+    }
+    free(proxy);
+    free(buffer);
+    free(pose);
+    pc_deform_destroy(context, deformer);
+    return fabs(length - 1.0) < 1e-5 && extent > 0.5 && extent < 10.0 ? 0 : 1;
+}
+
 int main(void) {
     static double positions[3 * SIDE * SIDE];
     static uint32_t triangles[6 * (SIDE - 1) * (SIDE - 1)];
@@ -55,6 +93,7 @@ int main(void) {
             result = asset.proxy.vertex_count > 0 && isfinite(posed[0]) ? 0 : 1;
             free(posed);
         }
+        result |= play(context, &asset);
     } else {
         fprintf(stderr, "%s\n", pc_context_error(context)->message);
     }

@@ -3,6 +3,7 @@
 #include "core/topology.h"
 #include "support/manifold.h"
 #include "support/memory.h"
+#include "support/shapes.h"
 #include "support/surfaces.h"
 
 // Consistently oriented manifold without unused vertices; the postconditions of the stage.
@@ -223,6 +224,76 @@ static void carves_the_gap_between_sheets(void **state) {
     pc_context_destroy(context);
 }
 
+// A narrow sleeve as the iso-surface sees it: a closed rod around an open tube.
+static void opens_narrow_tubes(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    static const double radii[] = {0.4, 0.7, 1.2};
+    for (size_t i = 0; i < 3; ++i) {
+        pc_mesh visual = test_tube(context, 24, 60, radii[i], 12.0), layer = {0};
+        pc_mesh rod = shape_box(context, 4, 30, 4);
+        for (size_t v = 0; v < rod.vertex_count; ++v) { // from a square to a disc
+            double *p = &rod.positions[3 * v];
+            const double x = 0.5 * p[0] - 1.0, z = 0.5 * p[2] - 1.0;
+            const double square = fmax(fabs(x), fabs(z)), length = sqrt(x * x + z * z);
+            const double scale = length > 0.0 ? radii[i] * square / length : 0.0;
+            p[0] = scale * x, p[1] *= 12.0 / 30.0, p[2] = scale * z;
+        }
+        pc_labels labels = make_labels(context, rod.vertex_count, 1);
+        pc_carve_report report = {0};
+        assert_ok(context, pc_carve(context, &visual, &rod, &labels, 1.0, NULL, &layer, &report));
+        check_layer(context, &layer, &report);
+        assert_int_equal(report.carved_regions, 2);
+        assert_int_equal(report.components, 1);
+        assert_int_equal(report.boundary_loops, 2);
+        for (size_t v = 0; v < layer.vertex_count; ++v) { // what is left hugs the tube
+            const double *p = &layer.positions[3 * v];
+            assert_true(sqrt(p[0] * p[0] + p[2] * p[2]) > 0.85 * (radii[i] - 0.25));
+        }
+        pc_mesh_free(context, &layer);
+        pc_labels_free(context, &labels);
+        pc_mesh_free(context, &rod);
+        pc_mesh_free(context, &visual);
+    }
+    pc_context_destroy(context);
+}
+
+// A closed skin around two parallel tubes bridges the gap between them: no rim, no membrane.
+static void keeps_webs(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    pc_mesh leg = test_tube(context, 24, 60, 1.0, 12.0), layer = {0};
+    const double beside[3] = {3.0, 0.0, 0.0};
+    pc_mesh visual = test_union(context, &leg, &leg, beside);
+    pc_mesh skin = test_tube(context, 48, 30, 1.0, 6.0); // between the rims of the legs
+    for (size_t v = 0; v < skin.vertex_count; ++v) {
+        double *p = &skin.positions[3 * v];
+        p[0] += p[0] > 1e-9 ? 3.0 : (p[0] < -1e-9 ? 0.0 : 1.5);
+        p[1] += 3.0;
+    }
+    pc_labels labels = make_labels(context, skin.vertex_count, 1);
+    pc_carve_report report = {0};
+    assert_ok(context, pc_carve(context, &visual, &skin, &labels, 1.0, NULL, &layer, &report));
+    check_layer(context, &layer, &report);
+    assert_int_equal(report.carved_regions, 0);
+    assert_int_equal(layer.triangle_count, skin.triangle_count);
+    pc_mesh_free(context, &layer);
+
+    pc_carve_options options;
+    pc_record_set_defaults(&pc_carve_options_record, &options);
+    options.carve = true;
+    assert_ok(context, pc_carve(context, &visual, &skin, &labels, 1.0, &options, &layer, &report));
+    check_layer(context, &layer, &report);
+    assert_int_equal(report.carved_regions, 2);
+    assert_int_equal(report.components, 2);
+    pc_mesh_free(context, &layer);
+    pc_labels_free(context, &labels);
+    pc_mesh_free(context, &skin);
+    pc_mesh_free(context, &visual);
+    pc_mesh_free(context, &leg);
+    pc_context_destroy(context);
+}
+
 // Triangles squeezed into a line along the outline: refining them must come to an end.
 static void refines_triangles_without_area(void **state) {
     (void)state;
@@ -373,6 +444,8 @@ int main(void) {
         cmocka_unit_test(drops_small_parts),
         cmocka_unit_test(survives_random_labels),
         cmocka_unit_test(carves_the_gap_between_sheets),
+        cmocka_unit_test(opens_narrow_tubes),
+        cmocka_unit_test(keeps_webs),
         cmocka_unit_test(refines_triangles_without_area),
         cmocka_unit_test(survives_lack_of_memory),
         cmocka_unit_test(is_deterministic),

@@ -115,6 +115,18 @@ static void option_text_is_checked(void **state) {
         assert_non_null(strstr(pc_context_error(context)->message, "voxels"));
     }
     assert_int_equal(options.voxels, 64);
+
+    // A word for 0, where the field has one; numbers keep to their limits.
+    assert_ok(context, pc_field_set_text(context, "voxelize", field, &options, "auto"));
+    assert_int_equal(options.voxels, PC_VOXELS_AUTO);
+    assert_ok(context, pc_record_check(context, "voxelize", &pc_voxelize_options_record, &options));
+    options.voxels = 3;
+    assert_int_equal(pc_record_check(context, "voxelize", &pc_voxelize_options_record, &options),
+                     PC_ERROR_INVALID_OPTIONS);
+    const pc_field *without = pc_record_find(&pc_simplify_options_record, "vertices");
+    pc_simplify_options other = pc_default_options().simplify;
+    assert_int_equal(pc_field_set_text(context, "simplify", without, &other, "auto"),
+                     PC_ERROR_INVALID_OPTIONS);
     pc_context_destroy(context);
 }
 

@@ -261,6 +261,7 @@ static void opposites_match_their_definition(void **state) {
     for (uint64_t seed = 0; seed < 6; ++seed) {
         pc_mesh mesh = bumpy_sheet(context, seed);
         pc_graph_options options = default_options();
+        options.tube_aspect = 0.0;
         options.opposite_epsilon = seed % 2 == 0 ? 0.4 : 0.1;
         options.opposite_reach = seed % 3 == 0 ? 2.0 : 1.2;
         pc_graph graph = {0};
@@ -278,6 +279,39 @@ static void opposites_match_their_definition(void **state) {
         pc_mesh_free(context, &mesh);
     }
     assert_true(total > 500 && biased > 100); // the cases are worth something
+    pc_context_destroy(context);
+}
+
+// A closed rod is a sleeve that the voxels filled, a slab a thick sheet, a thin strap a sheet
+// again.
+static void rods_have_no_opposites(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    static const struct {
+        double width, thickness, aspect;
+        bool sheet;
+    } cases[] = {{1.4, 1.4, 2.0, false}, {1.4, 1.0, 2.0, false}, {4.0, 1.0, 2.0, true},
+                 {1.4, 1.4, 0.0, true},  {0.6, 0.4, 2.0, true},  {2.5, 1.0, 3.0, false}};
+    for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); ++i) {
+        pc_mesh mesh = shape_box(context, 6, 40, 6);
+        for (size_t v = 0; v < mesh.vertex_count; ++v) {
+            mesh.positions[3 * v] *= cases[i].width / 6.0;
+            mesh.positions[3 * v + 1] *= 0.5;
+            mesh.positions[3 * v + 2] *= cases[i].thickness / 6.0;
+        }
+        pc_graph_options options = default_options();
+        options.tube_aspect = cases[i].aspect;
+        pc_graph graph = {0};
+        pc_graph_report report;
+        assert_ok(context, pc_build_graph(context, &mesh, 1.0, &options, &graph, &report));
+        if (cases[i].sheet) {
+            assert_true(report.opposite_fraction > 0.3);
+        } else {
+            assert_int_equal(graph.opposite_count, 0);
+        }
+        pc_graph_free(context, &graph);
+        pc_mesh_free(context, &mesh);
+    }
     pc_context_destroy(context);
 }
 
@@ -525,6 +559,7 @@ int main(void) {
         cmocka_unit_test(degenerate_fits_stay_finite),
         cmocka_unit_test(edge_weights_follow_equation_3),
         cmocka_unit_test(opposites_match_their_definition),
+        cmocka_unit_test(rods_have_no_opposites),
         cmocka_unit_test(slab_pairs_each_vertex_with_its_mate),
         cmocka_unit_test(air_between_sheets_is_not_a_sheet),
         cmocka_unit_test(shell_prefers_its_outside),

@@ -137,6 +137,43 @@ static void rerunning_a_stage_drops_later_results(void **state) {
     pc_context_destroy(context);
 }
 
+// A series of levels from one single layer equals separate builds, level by level.
+static void levels_share_the_stages_before(void **state) {
+    (void)state;
+    static const uint32_t levels[] = {16, 64, 24};
+    pc_context *context = test_context(0);
+    pc_asset series = {0};
+    make_asset(context, &series);
+    pc_options options = quick_options();
+    pc_timings timings = {0};
+    assert_ok(context, pc_build(context, &options, &series, &timings));
+    const double voxelize_seconds = timings.seconds[PC_STAGE_VOXELIZE];
+    const double *layer = series.single_layer.positions;
+    for (size_t i = 0; i < 3; ++i) {
+        options.simplify.vertices = levels[i];
+        assert_ok(context, pc_build_from(context, PC_STAGE_SIMPLIFY, &options, &series, &timings));
+        assert_int_equal(series.proxy.vertex_count, levels[i]);
+        assert_int_equal(series.options.simplify.vertices, levels[i]);
+        assert_true(series.single_layer.positions == layer);
+        assert_true(timings.seconds[PC_STAGE_VOXELIZE] == voxelize_seconds);
+        pc_asset alone = {0};
+        make_asset(context, &alone);
+        assert_ok(context, pc_build(context, &options, &alone, NULL));
+        assert_true(hash_asset(&series) == hash_asset(&alone));
+        pc_asset_free(context, &alone);
+    }
+    pc_asset early = {0};
+    make_asset(context, &early);
+    assert_int_equal(pc_build_from(context, PC_STAGE_SIMPLIFY, &options, &early, NULL),
+                     PC_ERROR_INVALID_ARGUMENT);
+    assert_int_equal(pc_build_from(context, PC_STAGE_COUNT, &options, &series, NULL),
+                     PC_ERROR_INVALID_ARGUMENT);
+    assert_int_equal(series.stage_count, PC_STAGE_COUNT);
+    pc_asset_free(context, &early);
+    pc_asset_free(context, &series);
+    pc_context_destroy(context);
+}
+
 // Loose triangles all over a box, carved as finely as the options allow: the layer has triangles
 // squeezed into lines, whose refinement must come to an end.
 static void dust_is_carved_in_bounded_time(void **state) {
@@ -210,6 +247,7 @@ int main(void) {
         cmocka_unit_test(a_sheet_becomes_one_open_proxy),
         cmocka_unit_test(results_do_not_depend_on_threads),
         cmocka_unit_test(rerunning_a_stage_drops_later_results),
+        cmocka_unit_test(levels_share_the_stages_before),
         cmocka_unit_test(dust_is_carved_in_bounded_time),
         cmocka_unit_test(an_error_keeps_the_stages_before_it),
         cmocka_unit_test(progress_can_cancel),

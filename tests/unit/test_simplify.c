@@ -109,6 +109,50 @@ static void reaches_any_vertex_count(void **state) {
     pc_context_destroy(context);
 }
 
+// Large counts: exact, of the same topology, and even; far more clusters than the input has
+// vertices.
+static void reaches_large_counts(void **state) {
+    (void)state;
+    pc_context *context = test_context(0);
+    pc_mesh torus = test_torus(context, 40, 20, 1.0, 0.4);
+    pc_mesh tube = test_tube(context, 30, 30, 1.0, 3.0);
+    const double offset[3] = {4.0, 0.0, 0.0};
+    pc_mesh both = test_union(context, &torus, &tube, offset);
+    pc_simplify_report report = {0};
+    pc_mesh proxy = simplified(context, &both, 6000, &report);
+    const shape found = check_manifold(context, &proxy);
+    assert_int_equal(proxy.vertex_count, 6000);
+    assert_int_equal(found.components, 2);
+    assert_int_equal(found.loops, 2);
+    assert_int_equal(found.euler, 0);
+    assert_true(found.angle_mean > 48.0);
+    assert_int_equal(report.shortfall, PC_SHORTFALL_NONE);
+    pc_mesh_free(context, &proxy);
+    pc_mesh_free(context, &torus);
+    pc_mesh_free(context, &tube);
+    pc_context_destroy(context);
+}
+
+// Bristles: length without area. Seeds that are packed by area alone would run out on them.
+static void shares_clusters_with_thin_strips(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh mesh = test_sheet(context, 10, 10, 1.0, 1.0);
+    for (size_t i = 0; i < 6; ++i) {
+        pc_mesh strip = test_sheet(context, 400, 1, 40.0, 0.001);
+        const double offset[3] = {2.0, 0.1 * (double)i, 0.0};
+        pc_mesh both = test_union(context, &mesh, &strip, offset);
+        pc_mesh_free(context, &mesh);
+        pc_mesh_free(context, &strip);
+        mesh = both;
+    }
+    pc_mesh proxy = simplified(context, &mesh, 40, NULL);
+    assert_int_equal(proxy.vertex_count, 40);
+    assert_int_equal(check_manifold(context, &proxy).components, 7);
+    pc_mesh_free(context, &proxy);
+    pc_context_destroy(context);
+}
+
 // A tube needs six vertices; fewer cannot carry it and the report says so.
 static void says_why_it_falls_short(void **state) {
     (void)state;
@@ -179,9 +223,70 @@ static void keeps_a_narrow_strap(void **state) {
     assert_int_equal(found.components, 1);
     assert_int_equal(found.loops, 1);
     assert_int_equal(found.euler, 1);
+    assert_true(found.angle_worst > 20.0);
     pc_mesh_free(context, &proxy);
     pc_mesh_free(context, &mesh);
     pc_release(context, keep);
+    pc_context_destroy(context);
+}
+
+// Ribbons much narrower than the clusters of the sheet that they hang on become clean strips that
+// keep their length.
+static void ribbons_are_strips_of_good_triangles(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    static const double widths[] = {0.07, 0.1, 0.15, 0.2, 0.3};
+    for (size_t i = 0; i < sizeof(widths) / sizeof(widths[0]); ++i) {
+        pc_mesh sheet = test_sheet(context, 20, 20, 1.0, 1.0);
+        pc_mesh ribbon = test_sheet(context, 80, 2, 4.0, widths[i]);
+        for (size_t v = 0; v < ribbon.vertex_count; ++v) { // narrower at the start
+            ribbon.positions[3 * v + 1] *= 0.7 + 0.3 * ribbon.positions[3 * v] / 4.0;
+        }
+        const double offset[3] = {1.5, 0.0, 0.0};
+        pc_mesh both = test_union(context, &sheet, &ribbon, offset);
+        pc_mesh proxy = simplified(context, &both, 96, NULL);
+        const shape found = check_manifold(context, &proxy);
+        double least = INFINITY, most = 0.0;
+        for (size_t v = 0; v < proxy.vertex_count; ++v) {
+            if (proxy.positions[3 * v] > 1.2) {
+                least = fmin(least, proxy.positions[3 * v]);
+                most = fmax(most, proxy.positions[3 * v]);
+            }
+        }
+        assert_int_equal(found.components, 2);
+        assert_int_equal(found.loops, 2);
+        assert_int_equal(proxy.vertex_count, 96);
+        assert_true(found.angle_worst > 20.0);
+        assert_true(least < 1.5 + 0.1 && most > 5.5 - 0.1);
+        pc_mesh_free(context, &proxy);
+        pc_mesh_free(context, &both);
+        pc_mesh_free(context, &sheet);
+        pc_mesh_free(context, &ribbon);
+    }
+    pc_context_destroy(context);
+}
+
+// A sleeve whose circumference is about two clusters stays a tube with at least three edges around.
+static void thin_tubes_stay_tubes(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    static const double radii[] = {0.03, 0.05, 0.1, 0.2};
+    for (size_t i = 0; i < sizeof(radii) / sizeof(radii[0]); ++i) {
+        pc_mesh sheet = test_sheet(context, 20, 20, 2.0, 2.0);
+        pc_mesh tube = test_tube(context, 12, 60, radii[i], 2.0);
+        const double offset[3] = {4.0, 0.0, 0.0};
+        pc_mesh both = test_union(context, &sheet, &tube, offset);
+        pc_mesh proxy = simplified(context, &both, 96, NULL);
+        const shape found = check_manifold(context, &proxy);
+        assert_int_equal(found.components, 2);
+        assert_int_equal(found.loops, 3);
+        assert_int_equal(found.euler, 1);
+        assert_true(found.angle_worst > 20.0);
+        pc_mesh_free(context, &proxy);
+        pc_mesh_free(context, &both);
+        pc_mesh_free(context, &sheet);
+        pc_mesh_free(context, &tube);
+    }
     pc_context_destroy(context);
 }
 
@@ -397,9 +502,13 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(keeps_the_topology),
         cmocka_unit_test(reaches_any_vertex_count),
+        cmocka_unit_test(reaches_large_counts),
+        cmocka_unit_test(shares_clusters_with_thin_strips),
         cmocka_unit_test(says_why_it_falls_short),
         cmocka_unit_test(shares_the_budget_between_parts),
         cmocka_unit_test(keeps_a_narrow_strap),
+        cmocka_unit_test(ribbons_are_strips_of_good_triangles),
+        cmocka_unit_test(thin_tubes_stay_tubes),
         cmocka_unit_test(hems_do_not_shrink),
         cmocka_unit_test(repairs_its_input),
         cmocka_unit_test(is_deterministic),

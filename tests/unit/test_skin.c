@@ -1,119 +1,9 @@
 #include "support/test.h"
 
 #include "core/knn.h"
-#include "stages/skin_internal.h"
-#include "support/fixture.h"
 #include "support/memory.h"
-#include "support/obj.h"
+#include "support/skin_fixture.h"
 #include "support/surfaces.h"
-
-// ---- fixtures -----------------------------------------------------------------------------------
-
-// A problem whose candidates, first guess and expected numbers come from other code (PyTorch).
-typedef struct fixture {
-    pc_context *context;
-    pci_scratch scratch;
-    const char *name;
-    pc_mesh visual, proxy;
-    double *frames, *surrogate, *weights;
-    uint32_t *bones, *near;
-    const uint32_t *own_near; // as pci_skin_problem_build found it
-    pci_skin_problem problem;
-    size_t count; // weights
-} fixture;
-
-static const char *path_of(const fixture *f, const char *file) {
-    static char path[512];
-    snprintf(path, sizeof(path), TEST_DATA_DIR "/skinning/%s/%s", f->name, file);
-    return path;
-}
-
-static double *expected(const fixture *f, const char *key, size_t count) {
-    size_t found = 0;
-    double *numbers = test_read_json_numbers(path_of(f, "expected.json"), key, &found);
-    if (found != count) {
-        fail_msg("%s has %zu numbers", key, found);
-    }
-    return numbers;
-}
-
-static double expected_number(const fixture *f, const char *key) {
-    double *numbers = expected(f, key, 1);
-    const double number = numbers[0];
-    free(numbers);
-    return number;
-}
-
-static void load_fixture(const char *name, uint32_t threads, fixture *f) {
-    memset(f, 0, sizeof(*f));
-    f->name = name;
-    f->context = test_context(threads);
-    f->scratch = pci_scratch_begin(f->context);
-    assert_true(test_read_obj(f->context, path_of(f, "visual.obj"), &f->visual));
-    assert_true(test_read_obj(f->context, path_of(f, "proxy.obj"), &f->proxy));
-    size_t frame_numbers = 0, bone_numbers = 0;
-    f->frames = test_read_numbers(path_of(f, "frames.f64"), &frame_numbers);
-    f->surrogate = test_read_numbers(path_of(f, "S0.csv"), &f->count);
-    double *bones = test_read_numbers(path_of(f, "B.csv"), &bone_numbers);
-    assert_int_equal(bone_numbers, f->count);
-    f->bones = calloc(f->count, sizeof(*f->bones));
-    for (size_t i = 0; i < f->count; ++i) {
-        f->bones[i] = (uint32_t)bones[i];
-    }
-    free(bones);
-    pci_skin_problem *p = &f->problem;
-    const uint32_t neighbours = (uint32_t)expected_number(f, "kK");
-    assert_true(pci_skin_problem_build(&f->scratch, &f->visual, neighbours, p));
-    p->slots = (uint32_t)(f->count / f->visual.vertex_count);
-    p->bones = f->bones;
-    p->proxy_count = f->proxy.vertex_count;
-    p->proxy_rest = f->proxy.positions;
-    p->frame_count = frame_numbers / (3 * p->proxy_count);
-    p->frames = f->frames;
-    f->weights = calloc(f->count, sizeof(double));
-    for (size_t v = 0; v < p->vertex_count; ++v) {
-        pci_skin_normalize(&f->surrogate[v * p->slots], p->slots, &f->weights[v * p->slots]);
-    }
-    // Among neighbours at equal distance the other code chose others; and it has epsilon_z = 1 mm
-    // whatever the size of the garment.
-    size_t near_numbers = 0;
-    f->own_near = p->near;
-    double *near = test_read_numbers(path_of(f, "K.csv"), &near_numbers);
-    assert_int_equal(near_numbers, p->vertex_count * p->near_count);
-    f->near = calloc(near_numbers, sizeof(*f->near));
-    for (size_t i = 0; i < near_numbers; ++i) {
-        f->near[i] = (uint32_t)near[i];
-    }
-    free(near);
-    p->near = f->near;
-    double *near_weights = calloc(p->vertex_count * p->near_count, sizeof(double));
-    for (size_t v = 0; v < p->vertex_count; ++v) {
-        double *row = &near_weights[v * p->near_count], sum = 0.0;
-        for (size_t k = 0; k < p->near_count; ++k) {
-            const uint32_t j = p->near[v * p->near_count + k];
-            row[k] =
-                1.0 / (sqrt(pci_squared_distance(&p->rest[3 * v], &p->rest[3 * (size_t)j])) + 1e-3);
-            sum += row[k];
-        }
-        for (size_t k = 0; k < p->near_count; ++k) {
-            row[k] /= sum;
-        }
-    }
-    p->near_weights = near_weights;
-}
-
-static void free_fixture(fixture *f) {
-    free((double *)(uintptr_t)f->problem.near_weights);
-    free(f->frames);
-    free(f->surrogate);
-    free(f->weights);
-    free(f->bones);
-    free(f->near);
-    pc_mesh_free(f->context, &f->visual);
-    pc_mesh_free(f->context, &f->proxy);
-    pci_scratch_end(&f->scratch);
-    pc_context_destroy(f->context);
-}
 
 static double norm_of(const double *x, size_t count) {
     double sum = 0.0;
@@ -568,15 +458,6 @@ static pc_skin_options quick_options(void) {
     return options;
 }
 
-static void make_motion(pc_context *context, const pc_mesh *proxy, uint32_t frames, uint32_t seed,
-                        pc_motion *motion) {
-    pc_simulate_options options;
-    pc_record_set_defaults(&pc_simulate_options_record, &options);
-    options.frames = frames;
-    options.seed = seed;
-    assert_ok(context, pc_simulate(context, proxy, &options, motion, NULL));
-}
-
 static void assert_valid_skin(const pc_skin *skin, size_t vertex_count, size_t proxy_count) {
     assert_int_equal(skin->vertex_count, vertex_count);
     for (size_t v = 0; v < vertex_count; ++v) {
@@ -608,8 +489,11 @@ static void beats_the_closest_triangle(void **state) {
         pc_skin skin = {0}, baseline = {0};
         pc_skin_report report;
         pc_skin_losses ours, theirs;
-        assert_ok(f.context,
-                  pc_skin_optimize(f.context, &f.visual, &f.proxy, &train, NULL, &skin, &report));
+        pc_skin_options options;
+        pc_record_set_defaults(&pc_skin_options_record, &options);
+        options.lambda_follow = 0.0; // the paper's losses alone
+        assert_ok(f.context, pc_skin_optimize(f.context, &f.visual, &f.proxy, &train, &options,
+                                              &skin, &report));
         assert_valid_skin(&skin, f.visual.vertex_count, f.proxy.vertex_count);
         assert_int_equal(skin.influences, 4);
         assert_ok(f.context, pc_skin_closest_triangle(f.context, &f.visual, &f.proxy, &baseline));
@@ -676,21 +560,25 @@ static void collisions_do_not_cost_the_shape(void **state) {
     const pc_motion motion = {.frame_count = FRAMES, .vertex_count = np, .positions = frames};
     pc_skin_options options = quick_options();
     options.epochs = 60;
-    pc_skin skin = {0}, free_skin = {0};
+    options.lambda_follow = 0.0;
     pc_skin_report report;
-    assert_ok(context,
-              pc_skin_optimize(context, &surfaces, &proxies, &motion, &options, &skin, &report));
-    assert_true(report.collision_before > 2.0 * report.rigid_before);
-    assert_true(report.spatial_share < 0.5 && report.spatial_share > 0.0);
-    assert_true(report.rigid_after < 0.5 * report.rigid_before);
-    options.lambda_rigid = 0.0;
-    assert_ok(context, pc_skin_optimize(context, &surfaces, &proxies, &motion, &options, &free_skin,
-                                        &report));
-    assert_close(report.spatial_share, 1.0, 0.0);
-    assert_true(report.collision_after < report.collision_before);
+    for (options.solver = 0; options.solver <= PC_SKIN_ADAMW; ++options.solver) {
+        pc_skin skin = {0}, free_skin = {0};
+        options.lambda_rigid = 1.0;
+        assert_ok(context, pc_skin_optimize(context, &surfaces, &proxies, &motion, &options, &skin,
+                                            &report));
+        assert_true(report.collision_before > 2.0 * report.rigid_before);
+        assert_true(report.spatial_share < 0.5 && report.spatial_share > 0.0);
+        assert_true(report.rigid_after < 0.5 * report.rigid_before);
+        options.lambda_rigid = 0.0;
+        assert_ok(context, pc_skin_optimize(context, &surfaces, &proxies, &motion, &options,
+                                            &free_skin, &report));
+        assert_close(report.spatial_share, 1.0, 0.0);
+        assert_true(report.collision_after < report.collision_before);
+        pc_skin_free(context, &skin);
+        pc_skin_free(context, &free_skin);
+    }
     free(frames);
-    pc_skin_free(context, &skin);
-    pc_skin_free(context, &free_skin);
     pc_mesh_free(context, &surface);
     pc_mesh_free(context, &proxy);
     pc_mesh_free(context, &surfaces);
@@ -703,18 +591,19 @@ static void threads_give_the_same_bytes(void **state) {
     static const uint32_t threads[] = {1, 2, 3, 8};
     pc_skin first = {0};
     pc_skin_report first_report;
-    for (size_t i = 0; i < 4; ++i) {
+    for (size_t i = 0; i < 8; ++i) {
         fixture f;
-        load_fixture("dress796", threads[i], &f);
+        load_fixture("dress796", threads[i % 4], &f);
         pc_motion motion = {0};
         make_motion(f.context, &f.proxy, 37, 1, &motion);
-        const pc_skin_options options = quick_options();
+        pc_skin_options options = quick_options();
+        options.solver = i < 4 ? PC_SKIN_ALTERNATE : PC_SKIN_ADAMW;
         pc_skin skin = {0};
         pc_skin_report report;
         assert_ok(f.context, pc_skin_optimize(f.context, &f.visual, &f.proxy, &motion, &options,
                                               &skin, &report));
         pc_motion_free(f.context, &motion);
-        if (i == 0) {
+        if (i % 4 == 0) {
             first = skin;
             first_report = report;
         } else {
@@ -724,7 +613,7 @@ static void threads_give_the_same_bytes(void **state) {
             assert_memory_equal(&report, &first_report, sizeof(report));
             pc_skin_free(f.context, &skin);
         }
-        if (i == 3) {
+        if (i % 4 == 3) {
             pc_skin_free(f.context, &first);
         }
         free_fixture(&f);
@@ -908,15 +797,18 @@ static void survives_failing_memory(void **state) {
     pc_skin_options options = quick_options();
     options.epochs = 3;
     options.influences = 2;
-    pc_status status = PC_ERROR_OUT_OF_MEMORY;
-    for (size_t fail_at = 1; status != PC_OK; ++fail_at) {
+    for (size_t fail_at = 1; options.solver <= PC_SKIN_ADAMW; ++fail_at) {
         counting_allocator counter = {0};
         pc_context *context = counting_context(&counter);
         const size_t live = counter.live;
         counter.fail_at = counter.calls + fail_at;
         pc_skin skin = {0};
-        status = pc_skin_optimize(context, &mesh, &mesh, &motion, &options, &skin, NULL);
-        if (status != PC_OK) {
+        const pc_status status =
+            pc_skin_optimize(context, &mesh, &mesh, &motion, &options, &skin, NULL);
+        if (status == PC_OK) {
+            ++options.solver;
+            fail_at = 0;
+        } else {
             assert_int_equal(status, PC_ERROR_OUT_OF_MEMORY);
             assert_null(skin.bones);
             assert_null(skin.weights);

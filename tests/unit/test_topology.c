@@ -1,5 +1,6 @@
 #include "core/topology.h"
 
+#include "core/locality.h"
 #include "support/test.h"
 
 #include <stdlib.h>
@@ -427,6 +428,69 @@ static void areas_normals_and_boxes_are_right(void **state) {
     pc_context_destroy(context);
 }
 
+// ---- memory order -------------------------------------------------------------------------------
+
+// Mean distance in memory between the ends of an edge.
+static double mean_stride(const pc_mesh *mesh) {
+    double sum = 0.0;
+    for (size_t h = 0; h < 3 * mesh->triangle_count; ++h) {
+        const double a = mesh->triangles[h], b = mesh->triangles[h - h % 3 + (h + 1) % 3];
+        sum += fabs(a - b) / (3.0 * (double)mesh->triangle_count);
+    }
+    return sum;
+}
+
+// A shuffled sheet becomes the same surface with neighbours side by side.
+static void sorting_follows_space(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    const uint32_t n = 64;
+    pc_mesh mesh = sheet(context, n, NULL);
+    const size_t nv = mesh.vertex_count;
+    uint32_t *number = PCI_ALLOCATE(context, uint32_t, nv);
+    double *positions = PCI_ALLOCATE(context, double, 3 * nv);
+    for (uint32_t v = 0; v < nv; ++v) { // a permutation: 2003 and 65 * 65 have no common divisor
+        number[v] = (uint32_t)((v * 2003ull) % nv);
+        memcpy(&positions[3 * (size_t)number[v]], &mesh.positions[3 * (size_t)v],
+               3 * sizeof(double));
+    }
+    memcpy(mesh.positions, positions, 3 * nv * sizeof(double));
+    for (size_t i = 0; i < 3 * mesh.triangle_count; ++i) {
+        mesh.triangles[i] = number[mesh.triangles[i]];
+    }
+    pci_scratch scratch = pci_scratch_begin(context);
+    pc_mesh sorted = {0};
+    assert_true(pci_sort_mesh(&scratch, &mesh, &sorted));
+    assert_int_equal(sorted.vertex_count, nv);
+    assert_int_equal(sorted.triangle_count, mesh.triangle_count);
+    // Every quad of the sheet occurs twice, once per triangle, with the winding of the sheet.
+    uint8_t *quads = PCI_ALLOCATE(context, uint8_t, (size_t)n * n);
+    for (size_t t = 0; t < sorted.triangle_count; ++t) {
+        double low[2] = {n, n}, p[3][2];
+        for (size_t c = 0; c < 3; ++c) {
+            for (size_t k = 0; k < 2; ++k) {
+                p[c][k] = sorted.positions[3 * (size_t)sorted.triangles[3 * t + c] + k];
+                low[k] = fmin(low[k], p[c][k]);
+            }
+        }
+        ++quads[(size_t)low[1] * n + (size_t)low[0]];
+        assert_close((p[1][0] - p[0][0]) * (p[2][1] - p[0][1]) -
+                         (p[1][1] - p[0][1]) * (p[2][0] - p[0][0]),
+                     1.0, 1e-12);
+    }
+    for (size_t q = 0; q < (size_t)n * n; ++q) {
+        assert_int_equal(quads[q], 2);
+    }
+    assert_true(mean_stride(&mesh) > 1000.0);
+    assert_true(mean_stride(&sorted) < 100.0);
+    pci_scratch_end(&scratch);
+    pc_mesh_free(context, &mesh);
+    pc_release(context, number);
+    pc_release(context, positions);
+    pc_release(context, quads);
+    pc_context_destroy(context);
+}
+
 // ---- lack of memory -----------------------------------------------------------------------------
 
 static void *rationed_allocate(void *user, size_t size) {
@@ -453,12 +517,13 @@ static void lack_of_memory_is_reported(void **state) {
         pci_topology topology;
         uint32_t component[20], *vertices = NULL;
         size_t count = 0, *offsets = NULL;
-        pc_mesh copy = {0};
+        pc_mesh copy = {0}, sorted;
         left = ration;
         done = pci_topology_build(&scratch, &mesh, &topology) &&
                pci_boundary_loops(&scratch, &mesh, &topology, &count, &offsets, &vertices) &&
                pci_triangle_components(&scratch, &mesh, &topology, component) > 0 &&
                (pci_nonmanifold_vertex_count(&scratch, &mesh, &topology), !scratch.failed) &&
+               pci_sort_mesh(&scratch, &mesh, &sorted) &&
                pci_mesh_compact(&scratch, &mesh, NULL, &copy, NULL);
         left = -1;
         assert_true(done == (copy.positions != NULL));
@@ -481,6 +546,7 @@ int main(void) {
         cmocka_unit_test(loops_survive_any_mesh),
         cmocka_unit_test(compact_keeps_order),
         cmocka_unit_test(areas_normals_and_boxes_are_right),
+        cmocka_unit_test(sorting_follows_space),
         cmocka_unit_test(lack_of_memory_is_reported),
     };
     return cmocka_run_group_tests_name("topology", tests, NULL, NULL);

@@ -3,6 +3,7 @@
 #include <stdlib.h>
 
 #include "core/bvh.h"
+#include "support/surfaces.h"
 
 // ---- surfaces -----------------------------------------------------------------------------------
 
@@ -274,6 +275,189 @@ static void threads_do_not_change_the_result(void **state) {
     pc_context_destroy(owner);
 }
 
+// ---- auto ---------------------------------------------------------------------------------------
+
+static pc_voxelize_report choose(pc_context *context, const pc_mesh *mesh) {
+    const pc_voxelize_options options = {.voxels = PC_VOXELS_AUTO};
+    pc_grid grid = {0};
+    pc_voxelize_report report = {0};
+    assert_ok(context, pc_voxelize(context, mesh, &options, &grid, &report));
+    assert_true(report.voxels >= PC_VOXELS_FLOOR && report.voxels <= PC_VOXELS_CEILING);
+    assert_true(report.cell_size == grid.cell_size);
+    assert_int_equal(report.samples, grid.sample_count);
+
+    // The grid is that of the number spelled out.
+    pc_grid same = {0};
+    const pc_voxelize_options spelled = {.voxels = report.voxels};
+    assert_ok(context, pc_voxelize(context, mesh, &spelled, &same, NULL));
+    assert_true(same.cell_size == grid.cell_size);
+    assert_int_equal(same.sample_count, grid.sample_count);
+    assert_memory_equal(same.samples, grid.samples, grid.sample_count * sizeof(uint64_t));
+    assert_memory_equal(same.values, grid.values, grid.sample_count * sizeof(float));
+    pc_grid_free(context, &same);
+    pc_grid_free(context, &grid);
+    return report;
+}
+
+// The lattice sees an opening at more than 2 voxels, at 2 + sqrt(2) for certain; then one level may
+// pass to the next, one to the third of the run that agrees, and one accident is overlooked.
+static void assert_fits(const pc_voxelize_report *report, double width, uint64_t tunnels) {
+    static const double step = 1.28; // the largest from level to level
+    assert_int_equal(report->tunnels, tunnels);
+    assert_true(report->narrowest_opening < step * width);
+    assert_true(width / report->cell_size > 2.0 * step);
+    if (report->voxels > PC_VOXELS_FLOOR) {
+        const double most = (2.0 + sqrt(2.0)) * step * step;
+        assert_true(report->narrowest_opening > 2.0 * width / most);
+        assert_true(width / report->cell_size < most * step * step);
+    }
+}
+
+static void turn(pc_mesh *mesh, double angle, const double offset[3]) {
+    for (size_t v = 0; v < mesh->vertex_count; ++v) {
+        double *p = &mesh->positions[3 * v];
+        const double x = cos(angle) * p[0] - sin(angle) * p[1];
+        const double y = sin(angle) * p[0] + cos(angle) * p[1];
+        p[0] = x + offset[0];
+        p[1] = cos(angle) * y - sin(angle) * p[2] + offset[1];
+        p[2] = sin(angle) * y + cos(angle) * p[2] + offset[2];
+    }
+}
+
+static void narrow_tubes_ask_for_finer_voxels(void **state) {
+    (void)state;
+    static const double diameters[] = {0.4, 0.2, 0.11, 0.08, 0.06, 0.05, 0.045};
+    pc_context *context = test_context(2);
+    uint32_t finest = 0;
+    for (size_t i = 0; i < sizeof(diameters) / sizeof(diameters[0]); ++i) {
+        for (size_t place = 0; place < 3; ++place) {
+            pc_mesh tube = test_tube(context, 24, 8, 0.5 * diameters[i], 1.0);
+            const double offset[3] = {0.013 * (double)place, -7.0, 0.3 * (double)place};
+            turn(&tube, 0.45 * (double)place, offset);
+            const pc_voxelize_report report = choose(context, &tube);
+            assert_fits(&report, diameters[i], 1);
+            assert_true(report.layer_gap == 0.0);
+            finest = report.voxels > finest ? report.voxels : finest;
+            pc_mesh_free(context, &tube);
+        }
+    }
+    assert_true(finest > 64);
+
+    // Narrower than two voxels at the ceiling: nothing to be gained.
+    pc_mesh wire = test_tube(context, 24, 8, 0.005, 1.0);
+    const pc_voxelize_report report = choose(context, &wire);
+    assert_int_equal(report.voxels, PC_VOXELS_FLOOR);
+    assert_int_equal(report.tunnels, 0);
+    pc_mesh_free(context, &wire);
+    pc_context_destroy(context);
+}
+
+static void narrow_slits_ask_for_finer_voxels(void **state) {
+    (void)state;
+    static const double widths[] = {0.3, 0.1, 0.06, 0.05, 0.045};
+    pc_context *context = test_context(2);
+    for (size_t i = 0; i < sizeof(widths) / sizeof(widths[0]); ++i) {
+        // A 3 by 3 frame: the middle is open.
+        pc_mesh frame = test_sheet(context, 3, 3, 1.0, 1.0);
+        const double x[4] = {0.0, 0.5 - 0.5 * widths[i], 0.5 + 0.5 * widths[i], 1.0};
+        const double y[4] = {0.0, 0.2, 0.8, 1.0};
+        for (size_t v = 0; v < frame.vertex_count; ++v) {
+            frame.positions[3 * v] = x[v % 4];
+            frame.positions[3 * v + 1] = y[v / 4];
+        }
+        memmove(&frame.triangles[24], &frame.triangles[30], 24 * sizeof(uint32_t));
+        frame.triangle_count = 16;
+        const pc_voxelize_report report = choose(context, &frame);
+        assert_fits(&report, widths[i], 1);
+        pc_mesh_free(context, &frame);
+    }
+    pc_context_destroy(context);
+}
+
+// Two tubes inside each other, like a lining: their gap is no opening, however wide it is, but the
+// narrow inside is.
+static void layers_are_not_taken_apart(void **state) {
+    (void)state;
+    static const double gaps[] = {0.002, 0.006, 0.012, 0.02, 0.03};
+    static const double radii[] = {0.3, 0.04};
+    const double nowhere[3] = {0};
+    pc_context *context = test_context(2);
+    for (size_t r = 0; r < 2; ++r) {
+        for (size_t i = 0; i < sizeof(gaps) / sizeof(gaps[0]); ++i) {
+            pc_mesh inner = test_tube(context, 48, 8, radii[r], 1.0);
+            pc_mesh outer = test_tube(context, 48, 8, radii[r] + gaps[i], 1.0);
+            pc_mesh both = test_union(context, &inner, &outer, nowhere);
+            const pc_voxelize_report report = choose(context, &both);
+            assert_int_equal(report.tunnels, 1);
+            // Two voxels are more than the gap.
+            assert_true(gaps[i] < 2.0 * report.cell_size);
+            if (gaps[i] > 2.6 / PC_VOXELS_CEILING) {
+                assert_close(report.layer_gap / gaps[i], 1.0, 0.4);
+            } else if (gaps[i] < 1.4 / PC_VOXELS_CEILING) {
+                assert_true(report.layer_gap == 0.0);
+            }
+            if (r == 0) {
+                assert_int_equal(report.voxels, PC_VOXELS_FLOOR);
+            } else {
+                assert_fits(&report, 2.0 * radii[r], 1);
+            }
+            pc_mesh_free(context, &inner);
+            pc_mesh_free(context, &outer);
+            pc_mesh_free(context, &both);
+        }
+    }
+    pc_context_destroy(context);
+}
+
+static void thin_parts_need_no_finer_voxels(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    for (size_t i = 0; i < 4; ++i) {
+        pc_mesh ribbon = test_sheet(context, 20, 1, 1.0, pow(10.0, -2.0 - (double)i));
+        const double offset[3] = {0.2, 0.013 * (double)i, 0.0};
+        turn(&ribbon, 0.3 * (double)i, offset);
+        const pc_voxelize_report report = choose(context, &ribbon);
+        assert_int_equal(report.voxels, PC_VOXELS_FLOOR);
+        assert_int_equal(report.tunnels, 0);
+        pc_mesh_free(context, &ribbon);
+    }
+    pc_context_destroy(context);
+}
+
+// Nothing persists in random triangles.
+static void a_crumple_gets_the_floor(void **state) {
+    (void)state;
+    const double sides[3] = {1, 1, 1};
+    pc_context *context = test_context(2);
+    pc_mesh mesh = soup(context, 300, 11, sides, 0.0);
+    const pc_voxelize_report report = choose(context, &mesh);
+    assert_int_equal(report.voxels, PC_VOXELS_FLOOR);
+    pc_mesh_free(context, &mesh);
+    pc_context_destroy(context);
+}
+
+static void the_choice_does_not_depend_on_unit_or_threads(void **state) {
+    (void)state;
+    static const uint32_t thread_counts[] = {1, 2, 3, 8};
+    pc_voxelize_report first = {0};
+    for (size_t i = 0; i < 4; ++i) {
+        pc_context *context = test_context(thread_counts[i]);
+        pc_mesh tube = test_tube(context, 24, 8, 0.025, 1.0);
+        const pc_voxelize_report report = choose(context, &tube);
+        assert_true(i == 0 || memcmp(&report, &first, sizeof(report)) == 0);
+        first = report;
+        for (size_t k = 0; k < 3 * tube.vertex_count; ++k) {
+            tube.positions[k] *= 1024.0; // exact
+        }
+        const pc_voxelize_report larger = choose(context, &tube);
+        assert_int_equal(larger.voxels, report.voxels);
+        assert_true(larger.narrowest_opening == 1024.0 * report.narrowest_opening);
+        pc_mesh_free(context, &tube);
+        pc_context_destroy(context);
+    }
+    assert_true(first.voxels > PC_VOXELS_FLOOR);
+}
+
 // ---- errors -------------------------------------------------------------------------------------
 
 static void assert_empty(const pc_grid *grid) {
@@ -288,7 +472,7 @@ static void bad_input_is_refused(void **state) {
     pc_grid grid = {0};
     assert_int_equal(pc_voxelize(context, NULL, NULL, &grid, NULL), PC_ERROR_INVALID_ARGUMENT);
     assert_int_equal(pc_voxelize(context, &mesh, NULL, NULL, NULL), PC_ERROR_INVALID_ARGUMENT);
-    static const uint32_t voxels[] = {0, 3, 1025};
+    static const uint32_t voxels[] = {1, 3, 1025};
     for (size_t i = 0; i < 3; ++i) {
         const pc_voxelize_options options = {.voxels = voxels[i]};
         assert_int_equal(pc_voxelize(context, &mesh, &options, &grid, NULL),
@@ -314,6 +498,49 @@ static void bad_input_is_refused(void **state) {
     pc_context_destroy(context);
 }
 
+// Counts the reports, which must ascend, and cancels at the last one that is wanted.
+typedef struct witness {
+    double fraction;
+    size_t calls, wanted;
+} witness;
+
+static bool watch(void *user, const char *stage, double fraction) {
+    witness *w = user;
+    assert_string_equal(stage, "voxelize");
+    assert_true(fraction >= w->fraction && fraction <= 1.0);
+    w->fraction = fraction;
+    return ++w->calls < w->wanted;
+}
+
+static pc_status voxelize_watched(witness *w, pc_grid *grid) {
+    const pc_voxelize_options options = {.voxels = PC_VOXELS_AUTO};
+    const pc_context_options watching = {.threads = 2, .progress = watch, .user = w};
+    pc_context *context = NULL;
+    assert_int_equal(pc_context_create(&watching, &context), PC_OK);
+    pc_mesh mesh = test_tube(context, 24, 8, 0.02, 1.0);
+    const pc_status status = pc_voxelize(context, &mesh, &options, grid, NULL);
+    if (status == PC_OK) {
+        pc_grid_free(context, grid);
+    }
+    pc_mesh_free(context, &mesh);
+    pc_context_destroy(context);
+    return status;
+}
+
+static void auto_reports_progress_and_can_be_cancelled(void **state) {
+    (void)state;
+    pc_grid grid = {0};
+    witness all = {.wanted = SIZE_MAX};
+    assert_int_equal(voxelize_watched(&all, &grid), PC_OK);
+    assert_true(all.calls >= 9);
+    for (size_t wanted = 1; wanted <= all.calls; wanted += 2) {
+        witness some = {.wanted = wanted};
+        assert_int_equal(voxelize_watched(&some, &grid), PC_ERROR_CANCELLED);
+        assert_int_equal(some.calls, wanted);
+        assert_empty(&grid);
+    }
+}
+
 static bool refuse_progress(void *user, const char *stage, double fraction) {
     (void)fraction;
     assert_string_equal(stage, "voxelize");
@@ -337,7 +564,7 @@ static void cancelling_leaves_nothing_behind(void **state) {
 }
 
 static void lack_of_memory_leaves_nothing_behind(void **state) {
-    (void)state;
+    const pc_voxelize_options *options = *state;
     counting_allocator counter = {0};
     pc_context *context = counting_context(&counter);
     pc_mesh mesh = sheet(context, 2, 1.0, 0.0, 0.1);
@@ -346,7 +573,7 @@ static void lack_of_memory_leaves_nothing_behind(void **state) {
     for (;; ++call) {
         pc_grid grid = {0};
         fail_allocation(&counter, call);
-        const pc_status status = pc_voxelize(context, &mesh, NULL, &grid, NULL);
+        const pc_status status = pc_voxelize(context, &mesh, options, &grid, NULL);
         if (status == PC_OK) {
             pc_grid_free(context, &grid);
             break;
@@ -362,6 +589,7 @@ static void lack_of_memory_leaves_nothing_behind(void **state) {
 }
 
 int main(void) {
+    pc_voxelize_options automatic = {.voxels = PC_VOXELS_AUTO};
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(soups_equal_brute_force),
         cmocka_unit_test(dense_sheet_equals_brute_force),
@@ -371,9 +599,17 @@ int main(void) {
         cmocka_unit_test(scale_is_a_unit),
         cmocka_unit_test(cost_grows_with_the_area),
         cmocka_unit_test(threads_do_not_change_the_result),
+        cmocka_unit_test(narrow_tubes_ask_for_finer_voxels),
+        cmocka_unit_test(narrow_slits_ask_for_finer_voxels),
+        cmocka_unit_test(layers_are_not_taken_apart),
+        cmocka_unit_test(thin_parts_need_no_finer_voxels),
+        cmocka_unit_test(a_crumple_gets_the_floor),
+        cmocka_unit_test(the_choice_does_not_depend_on_unit_or_threads),
         cmocka_unit_test(bad_input_is_refused),
         cmocka_unit_test(cancelling_leaves_nothing_behind),
+        cmocka_unit_test(auto_reports_progress_and_can_be_cancelled),
         cmocka_unit_test(lack_of_memory_leaves_nothing_behind),
+        cmocka_unit_test_prestate(lack_of_memory_leaves_nothing_behind, &automatic),
     };
     return cmocka_run_group_tests_name("voxelize", tests, NULL, NULL);
 }

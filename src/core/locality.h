@@ -1,0 +1,13 @@
+// Memory order that follows space: neighbours in a mesh become neighbours in memory.
+#ifndef PCI_LOCALITY_H
+#define PCI_LOCALITY_H
+
+#include "core/core.h"
+#include "proxycloth/mesh.h"
+
+// Renumbers the vertices along a Morton curve through their bounding box, and the triangles by
+// their first vertex. Result and input may not share arrays; `result` has arrays from scratch.
+// False: out of memory.
+bool pci_sort_mesh(pci_scratch *scratch, const pc_mesh *mesh, pc_mesh *result);
+
+#endif

@@ -1,0 +1,24 @@
+// Removes slivers that sliding and flipping cannot: collapses and splits edges, then searches
+// better places for the vertices of what is left.
+#ifndef PCI_IMPROVE_H
+#define PCI_IMPROVE_H
+
+#include "stages/relax.h"
+
+// Least angle of the triangles at a vertex in degrees, negative where one is turned over.
+double pci_least_angle(const pci_relaxation *relaxation, uint32_t vertex);
+
+// Collapses and splits edges around triangles with an angle below 30 degrees where that raises the
+// least angle, then others until the number of vertices is what it was. Vertices and triangles are
+// numbered anew without gaps.
+// @param nearby        per fine vertex, a coarse vertex near it; follows the changes
+// @param nearby_count  fine vertices
+// feet and pinned are replaced by new arrays. False: out of memory or cancelled.
+bool pci_improve(pci_scratch *scratch, pci_relaxation *relaxation, double spacing,
+                 uint32_t *nearby);
+
+// Moves vertices of triangles with an angle below 24 degrees off the surface, by no more than
+// `reach` each, where that raises the least angle. False: out of memory.
+bool pci_widen_slivers(pci_scratch *scratch, pci_relaxation *relaxation, double reach);
+
+#endif

@@ -1,0 +1,404 @@
+#include "stages/outline.h"
+
+#include "core/core.h"
+#include "core/halfedge.h"
+#include "core/manifold.h"
+#include "core/topology.h"
+#include "core/union_find.h"
+
+// Pieces of parallel loops.
+enum { grain = 256 };
+
+// A membrane hangs from its rim, but sags: the rim may be so much farther than the nearest point of
+// the visual mesh, in voxels.
+static const double sag = 1.0;
+// A region counts only where it reaches this many times the threshold; less is roughness.
+static const double least_reach = 1.2;
+// A membrane is framed by rims in so many of the sectors around its centre; a web between a sleeve
+// and the body may have the cuff on one side.
+enum { sectors = 12, least_framed = 9 };
+// Membranes that are tested for holding the layer together.
+enum { most_tests = 64 };
+static const double pi = 3.14159265358979323846;
+
+typedef struct outline {
+    const pci_bvh *visual;
+    pci_halfedge mesh;
+    double *normals;   // #V by 3
+    double *distances; // #V, beside the visual mesh, along the surface
+    size_t normal_capacity, distance_capacity;
+} outline;
+
+// How far the nearest point of the visual mesh lies beside a point of the layer: the distance
+// without its share along the normal.
+static double distance_beside(const pci_bvh *visual, const double point[3],
+                              const double normal[3]) {
+    const pci_closest closest = pci_bvh_closest(visual, point, INFINITY);
+    double away[3];
+    pci_sub(closest.point, point, away);
+    const double height = pci_dot(away, normal);
+    return sqrt(fmax(0.0, pci_dot(away, away) - height * height));
+}
+
+static void measure_outline(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    outline *o = user;
+    for (size_t v = begin; v < end; ++v) {
+        o->distances[v] = distance_beside(o->visual, &o->mesh.positions[3 * v], &o->normals[3 * v]);
+    }
+}
+
+static bool split_measured(outline *o, uint32_t h, double share, const double *known_distance) {
+    const size_t a = pci_origin(&o->mesh, h), b = pci_target(&o->mesh, h);
+    double position[3], normal[3];
+    for (size_t k = 0; k < 3; ++k) {
+        position[k] = o->mesh.positions[3 * a + k] +
+                      share * (o->mesh.positions[3 * b + k] - o->mesh.positions[3 * a + k]);
+        normal[k] = o->normals[3 * a + k] + o->normals[3 * b + k];
+    }
+    pci_normalize(normal);
+    const uint32_t v = pci_split_edge(&o->mesh, h, position);
+    void *normals = o->normals, *distances = o->distances;
+    if (v == PC_INVALID_INDEX ||
+        !pci_scratch_reserve(o->mesh.scratch, &normals, &o->normal_capacity, (size_t)v + 1,
+                             3 * sizeof(double)) ||
+        !pci_scratch_reserve(o->mesh.scratch, &distances, &o->distance_capacity, (size_t)v + 1,
+                             sizeof(double))) {
+        return false;
+    }
+    o->normals = normals;
+    o->distances = distances;
+    memcpy(&o->normals[3 * (size_t)v], normal, sizeof(normal));
+    o->distances[v] =
+        known_distance != NULL ? *known_distance : distance_beside(o->visual, position, normal);
+    return true;
+}
+
+static double edge_length(const pci_halfedge *mesh, uint32_t h) {
+    return sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)pci_origin(mesh, h)],
+                                     &mesh->positions[3 * (size_t)pci_target(mesh, h)]));
+}
+
+// The longest edge of a triangle; ties go to the smaller half-edge of the pair.
+static uint32_t longest_edge(const pci_halfedge *mesh, uint32_t t) {
+    uint32_t best = 3 * t;
+    double length = -1.0;
+    for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
+        const double candidate = edge_length(mesh, h);
+        const uint32_t id = h < mesh->twins[h] ? h : mesh->twins[h];
+        const uint32_t best_id = best < mesh->twins[best] ? best : mesh->twins[best];
+        if (candidate > length || (candidate == length && id < best_id)) {
+            best = h;
+            length = candidate;
+        }
+    }
+    return best;
+}
+
+// Follows longest edges from a triangle to one that is the longest of both its triangles (Rivara).
+// Every edge that its split makes is shorter by a fixed factor, also among triangles without area.
+static uint32_t terminal_edge(const pci_halfedge *mesh, uint32_t t) {
+    uint32_t h = longest_edge(mesh, t);
+    while (mesh->twins[h] != PC_INVALID_INDEX) {
+        const uint32_t next = longest_edge(mesh, mesh->twins[h] / 3);
+        if (next == mesh->twins[h]) {
+            break;
+        }
+        h = next;
+    }
+    return h;
+}
+
+// Halves the longest edge of each triangle that may touch the outline until it is shorter than
+// `shortest`: the distance hardly changes faster than the way, so edges of half the threshold
+// cannot hide a crossing that matters. False: no memory, or cancelled.
+static bool refine_outline(outline *o, double threshold, double shortest) {
+    const pci_halfedge *mesh = &o->mesh;
+    pc_context *context = mesh->scratch->context;
+    for (bool changed = true; changed;) {
+        changed = false;
+        for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
+            if (t % 4096 == 0 && !pci_keep_going(context)) {
+                return false;
+            }
+            const double longest = edge_length(mesh, longest_edge(mesh, t));
+            double nearest = INFINITY, farthest = 0.0;
+            for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
+                nearest = fmin(nearest, o->distances[pci_origin(mesh, h)]);
+                farthest = fmax(farthest, o->distances[pci_origin(mesh, h)]);
+            }
+            if (longest > shortest && nearest < threshold && farthest + 0.5 * longest > threshold) {
+                if (!split_measured(o, terminal_edge(mesh, t), 0.5, NULL)) {
+                    return false;
+                }
+                changed = true;
+            }
+        }
+    }
+    return true;
+}
+
+// Splits the edges that cross the isoline there. New edges end on the isoline and never cross it,
+// so one pass finds all crossings.
+static bool split_isoline(outline *o, double threshold) {
+    for (uint32_t h = 0; h < 3 * o->mesh.triangle_count; ++h) {
+        if (!pci_is_edge(&o->mesh, h)) {
+            continue;
+        }
+        const double a = o->distances[pci_origin(&o->mesh, h)] - threshold;
+        const double b = o->distances[pci_target(&o->mesh, h)] - threshold;
+        if ((a < 0.0 && b > 0.0) || (a > 0.0 && b < 0.0)) {
+            const double share = fmin(fmax(a / (a - b), 0.05), 0.95);
+            if (!split_measured(o, h, share, &threshold)) {
+                return false;
+            }
+        }
+    }
+    return true;
+}
+
+// ---- regions beside the visual mesh
+// ---------------------------------------------------------------
+
+typedef struct region {
+    double area, centre[3], normal[3];
+    double reach;     // largest distance
+    uint32_t sectors; // bit i: in this direction from the centre the region ends at a rim
+    uint32_t arcs;    // stretches along the border of the layer
+    bool fringe;      // near the border of the layer
+} region;
+
+// Joins the triangles that lie beside the visual mesh to regions: `roots` holds the first triangle
+// of each, PC_INVALID_INDEX for triangles that stay anyway.
+static bool join_regions(const outline *o, double threshold, uint32_t *roots) {
+    const pci_halfedge *mesh = &o->mesh;
+    uint8_t *beside = PCI_SCRATCH(mesh->scratch, uint8_t, mesh->triangle_count);
+    if (beside == NULL) {
+        return false;
+    }
+    pci_singletons(roots, mesh->triangle_count);
+    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
+        beside[i / 3] |= o->distances[mesh->corners[i]] > threshold;
+    }
+    for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
+        const uint32_t twin = mesh->twins[h];
+        if (twin != PC_INVALID_INDEX && h < twin && beside[h / 3] && beside[twin / 3]) {
+            pci_unite(roots, h / 3, twin / 3);
+        }
+    }
+    for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
+        roots[t] = beside[t] ? pci_find_root(roots, t) : PC_INVALID_INDEX;
+    }
+    return true;
+}
+
+static void measure_extent(const outline *o, const uint32_t *roots, region *regions) {
+    const pci_halfedge *mesh = &o->mesh;
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        if (roots[t] == PC_INVALID_INDEX) {
+            continue;
+        }
+        region *r = &regions[roots[t]];
+        const double *corners[3];
+        double u[3], v[3], normal[3];
+        for (size_t c = 0; c < 3; ++c) {
+            corners[c] = &mesh->positions[3 * (size_t)mesh->corners[3 * t + c]];
+            r->reach = fmax(r->reach, o->distances[mesh->corners[3 * t + c]]);
+        }
+        pci_sub(corners[1], corners[0], u);
+        pci_sub(corners[2], corners[0], v);
+        pci_cross(u, v, normal);
+        const double area = 0.5 * pci_norm(normal);
+        r->area += area;
+        for (size_t k = 0; k < 3; ++k) {
+            r->centre[k] += area * (corners[0][k] + corners[1][k] + corners[2][k]) / 3.0;
+            r->normal[k] += normal[k];
+        }
+    }
+    for (size_t i = 0; i < mesh->triangle_count; ++i) {
+        for (size_t k = 0; k < 3 && regions[i].area > 0.0; ++k) {
+            regions[i].centre[k] /= regions[i].area;
+        }
+    }
+}
+
+// Marks the sector of the region's plane in which a point lies.
+static void mark_sector(region *r, const double point[3]) {
+    double n[3] = {r->normal[0], r->normal[1], r->normal[2]}, x[3] = {0.0, 0.0, 0.0}, y[3], away[3];
+    if (!pci_normalize(n)) {
+        return;
+    }
+    const size_t axis = fabs(n[0]) <= fabs(n[1]) ? (fabs(n[0]) <= fabs(n[2]) ? 0 : 2)
+                                                 : (fabs(n[1]) <= fabs(n[2]) ? 1 : 2);
+    x[axis] = 1.0;
+    pci_cross(n, x, y);
+    pci_cross(y, n, x);
+    pci_sub(point, r->centre, away);
+    const double turn = 0.5 + atan2(pci_dot(away, y), pci_dot(away, x)) / (2.0 * pi);
+    r->sectors |= UINT32_C(1) << ((uint32_t)(turn * sectors) % sectors);
+}
+
+// The vertices on the border of the layer.
+static bool find_border(const pci_halfedge *mesh, pci_knn *border) {
+    double *points = PCI_SCRATCH(mesh->scratch, double, 3 * mesh->vertex_count);
+    size_t count = 0;
+    if (points == NULL) {
+        return false;
+    }
+    for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
+        if (mesh->twins[h] == PC_INVALID_INDEX) {
+            memcpy(&points[3 * count++], &mesh->positions[3 * (size_t)pci_origin(mesh, h)],
+                   3 * sizeof(double));
+        }
+    }
+    return pci_knn_build(mesh->scratch, count, points, border);
+}
+
+// A region ends at the rim of an opening where a rim is near, or where the layer ends already.
+static void measure_frame(const outline *o, const pci_knn *rims, const pci_knn *border,
+                          double slack, const uint32_t *roots, region *regions) {
+    const pci_halfedge *mesh = &o->mesh;
+    for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
+        const uint32_t root = roots[h / 3], twin = mesh->twins[h];
+        if (root == PC_INVALID_INDEX || (twin != PC_INVALID_INDEX && roots[twin / 3] == root)) {
+            continue;
+        }
+        const double *point = &mesh->positions[3 * (size_t)pci_origin(mesh, h)];
+        uint32_t rim;
+        double square;
+        if (twin == PC_INVALID_INDEX) {
+            const uint32_t before = pci_border_incoming(mesh, pci_origin(mesh, h));
+            mark_sector(&regions[root], point);
+            regions[root].arcs += roots[before / 3] != root;
+        }
+        if (pci_knn_query(border, point, 1, PC_INVALID_INDEX, &rim, &square) == 1 &&
+            square < slack * slack) {
+            regions[root].fringe = true;
+        }
+        if (pci_knn_query(rims, point, 1, PC_INVALID_INDEX, &rim, &square) == 1 &&
+            sqrt(square) <= pci_bvh_closest(o->visual, point, INFINITY).distance + slack) {
+            mark_sector(&regions[root], &rims->points[3 * (size_t)rim]);
+        }
+    }
+}
+
+static bool removes(const region *r, pci_outline_mode mode, double threshold) {
+    uint32_t framed = 0;
+    for (uint32_t i = 0; i < sectors; ++i) {
+        framed += r->sectors >> i & 1;
+    }
+    return r->reach > least_reach * threshold &&
+           (mode == PCI_OUTLINE_ALL || (framed >= least_framed && (r->arcs > 0 || !r->fringe)));
+}
+
+// Connected parts of what is kept, without the region at triangle `without`. `parents` is scratch.
+static size_t count_parts(const pci_halfedge *mesh, const uint32_t *roots, const uint8_t *keep,
+                          uint32_t without, uint32_t *parents) {
+    size_t parts = 0;
+    pci_singletons(parents, mesh->triangle_count);
+    for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
+        const uint32_t twin = mesh->twins[h];
+        if (twin != PC_INVALID_INDEX && h < twin && keep[h / 3] && keep[twin / 3] &&
+            roots[h / 3] != without && roots[twin / 3] != without) {
+            pci_unite(parents, h / 3, twin / 3);
+        }
+    }
+    for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
+        parts += keep[t] && roots[t] != without && parents[t] == t;
+    }
+    return parts;
+}
+
+// Marks what stays. A membrane that joins two stretches of the border may hold the layer together,
+// as between the panels of a pattern: it stays, too, if the layer would fall apart.
+static bool choose_triangles(const outline *o, const uint32_t *roots, const region *regions,
+                             pci_outline_mode mode, double threshold, uint8_t *keep) {
+    const pci_halfedge *mesh = &o->mesh;
+    uint32_t *parents = PCI_SCRATCH(mesh->scratch, uint32_t, mesh->triangle_count);
+    if (parents == NULL) {
+        return false;
+    }
+    for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
+        const region *r = roots[t] != PC_INVALID_INDEX ? &regions[roots[t]] : NULL;
+        keep[t] = r == NULL || !removes(r, mode, threshold) ||
+                  (mode == PCI_OUTLINE_MEMBRANES && r->arcs > 1);
+    }
+    size_t tests = 0;
+    for (uint32_t i = 0; mode == PCI_OUTLINE_MEMBRANES && i < mesh->triangle_count; ++i) {
+        if (roots[i] != i || regions[i].arcs < 2 || !removes(&regions[i], mode, threshold)) {
+            continue;
+        }
+        if (++tests > most_tests || !pci_keep_going(mesh->scratch->context)) {
+            break;
+        }
+        if (count_parts(mesh, roots, keep, i, parents) <=
+            count_parts(mesh, roots, keep, PC_INVALID_INDEX - 1, parents)) {
+            for (uint32_t t = i; t < mesh->triangle_count; ++t) {
+                keep[t] = keep[t] && roots[t] != i;
+            }
+        }
+    }
+    return true;
+}
+
+// Removes what lies beside. Without such regions the layer stays as it is.
+static bool remove_regions(outline *o, const pci_knn *rims, pci_outline_mode mode, double threshold,
+                           double slack, pc_mesh *layer, uint64_t *removed_regions,
+                           uint64_t *removed_triangles) {
+    const pci_halfedge *mesh = &o->mesh;
+    pci_scratch *scratch = mesh->scratch;
+    uint32_t *roots = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
+    region *regions = PCI_SCRATCH(scratch, region, mesh->triangle_count);
+    uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, mesh->triangle_count);
+    pci_knn border;
+    if (scratch->failed || !join_regions(o, threshold, roots) || !find_border(mesh, &border)) {
+        return false;
+    }
+    measure_extent(o, roots, regions);
+    measure_frame(o, rims, &border, slack, roots, regions);
+    if (!choose_triangles(o, roots, regions, mode, threshold, keep)) {
+        return false;
+    }
+    uint64_t removed = 0;
+    for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
+        *removed_regions += !keep[t] && roots[t] == t;
+        removed += !keep[t];
+    }
+    if (removed == 0) {
+        return true;
+    }
+    *removed_triangles += removed;
+    const pc_mesh cut = {mesh->vertex_count, mesh->positions, mesh->triangle_count, mesh->corners};
+    pci_repair_counts counts;
+    pc_mesh kept = {0};
+    if (!pci_mesh_repair(scratch, &cut, keep, &kept, &counts)) {
+        return false;
+    }
+    pc_mesh_free(scratch->context, layer);
+    *layer = kept;
+    return true;
+}
+
+pc_status pci_cut_outline(pci_scratch *scratch, const char *stage, const pci_bvh *visual,
+                          const pci_knn *rims, pci_outline_mode mode, double threshold,
+                          double cell_size, pc_mesh *layer, uint64_t *removed_regions,
+                          uint64_t *removed_triangles) {
+    // Finer than an eighth of a voxel there is nothing to see, and a layer that runs near the
+    // threshold everywhere would be refined everywhere.
+    const double shortest = fmax(0.5 * threshold, 0.125 * cell_size);
+    outline o = {.visual = visual};
+    o.normals = PCI_SCRATCH(scratch, double, 3 * layer->vertex_count);
+    o.distances = PCI_SCRATCH(scratch, double, layer->vertex_count);
+    if (scratch->failed || !pci_halfedge_build(scratch, layer, &o.mesh)) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    o.normal_capacity = o.distance_capacity = layer->vertex_count;
+    pci_vertex_normals(layer, o.normals);
+    pci_parallel_for(scratch->context, layer->vertex_count, grain, measure_outline, &o);
+    if (!refine_outline(&o, threshold, shortest) || !split_isoline(&o, threshold) ||
+        !remove_regions(&o, rims, mode, threshold, sag * cell_size, layer, removed_regions,
+                        removed_triangles)) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    return PC_OK;
+}

@@ -1,0 +1,271 @@
+// Alternates between rotations and weights.
+// Based on: Sorkine, Alexa, "As-rigid-as-possible surface modeling", 2007 (local/global);
+// O'Donoghue, Candes, "Adaptive restart for accelerated gradient schemes", 2015.
+#include "stages/skin_alternate.h"
+
+static const char stage[] = "skin";
+
+enum { SWEEPS = 4 }; // per pass over the frames: each costs about a tenth of it
+
+typedef struct gram_job {
+    const double *columns; // #rows by #P
+    size_t rows, proxy_count;
+    double *gram;
+} gram_job;
+
+static void fill_gram(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const gram_job *job = user;
+    const size_t np = job->proxy_count;
+    for (size_t t = 0; t < job->rows; ++t) {
+        const double *d = &job->columns[t * np];
+        for (size_t b = begin; b < end; ++b) {
+            double *row = &job->gram[b * np];
+            for (size_t c = 0; c < end; ++c) {
+                row[c] += d[b] * d[c];
+            }
+        }
+    }
+}
+
+// G in the unit of the kernels, mean displacement of each frame left out as there.
+static bool build_gram(pci_scratch *scratch, const pci_skin_frames *w, double **gram) {
+    const pci_skin_problem *p = w->problem;
+    const size_t np = p->proxy_count;
+    gram_job job = {.rows = 3 * p->frame_count, .proxy_count = np};
+    double *columns = PCI_SCRATCH(scratch, double, job.rows *np);
+    job.gram = PCI_SCRATCH(scratch, double, np *np);
+    if (scratch->failed) {
+        return false;
+    }
+    for (size_t t = 0; t < job.rows; ++t) {
+        const double *frame = &p->frames[3 * np * (t / 3)];
+        double mean = 0.0;
+        for (size_t b = 0; b < np; ++b) {
+            const size_t at = 3 * b + t % 3;
+            columns[t * np + b] = w->unit * (frame[at] - p->proxy_rest[at]);
+            mean += columns[t * np + b] / (double)np;
+        }
+        for (size_t b = 0; b < np; ++b) {
+            columns[t * np + b] -= mean;
+        }
+    }
+    job.columns = columns;
+    pci_parallel_for(scratch->context, np, 16, fill_gram, &job);
+    for (size_t b = 0; b < np; ++b) {
+        for (size_t c = b + 1; c < np; ++c) {
+            job.gram[b * np + c] = job.gram[c * np + b];
+        }
+    }
+    *gram = job.gram;
+    return true;
+}
+
+typedef struct row_job {
+    pci_skin_alternation *a;
+    const double *weights, *before;
+    double factor;
+    double *result;
+} row_job;
+
+typedef struct pass_job {
+    pci_skin_alternation *a;
+    bool measured;
+} pass_job;
+
+// Whole blocks of frames, each with the buffers of its worker.
+static void pass_blocks(void *user, size_t begin, size_t end, uint32_t worker) {
+    const pass_job *job = user;
+    pci_skin_alternation *a = job->a;
+    const pci_skin_frames *w = &a->frames;
+    const size_t nv = w->problem->vertex_count;
+    pci_skin_data data = w->data;
+    data.displacements = a->buffers[worker].displacements;
+    data.rotations = a->buffers[worker].rotations;
+    data.residuals = a->buffers[worker].residuals;
+    for (size_t b = begin; b < end; ++b) {
+        data.driver = w->drivers + b * w->driver_size;
+        data.quaternions = w->quaternions + b * w->quaternion_size;
+        data.gradient = a->partial + b * a->partial_size;
+        memset(data.gradient, 0, a->partial_size);
+        memset(&a->sums[b], 0, sizeof(a->sums[b]));
+        w->kernel->displace(&data, 0, nv);
+        w->kernel->fit(&data, 0, nv, job->measured ? &a->sums[b] : NULL);
+        w->kernel->gradient(&data, 0, nv);
+    }
+}
+
+// Adds up the blocks in order, and the gradient of L_f: 2 (G w - G b).
+static void finish_gradient(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const row_job *job = user;
+    pci_skin_alternation *a = job->a;
+    const pci_skin_problem *p = a->frames.problem;
+    const size_t slots = p->slots;
+    for (size_t v = begin; v < end; ++v) {
+        const uint32_t *bones = &p->bones[v * slots];
+        const double *w = &job->weights[v * slots];
+        for (size_t k = 0; k < slots; ++k) {
+            const double *row = &a->gram[p->proxy_count * bones[k]];
+            double sum = -a->targets[v * slots + k];
+            for (size_t l = 0; l < slots; ++l) {
+                sum += row[bones[l]] * w[l];
+            }
+            sum *= 2.0 * a->follow[v];
+            for (size_t b = 0; b < a->frames.block_count; ++b) {
+                sum +=
+                    pci_skin_get(a->frames.kernel, a->partial + b * a->partial_size, v * slots + k);
+            }
+            a->gradient[v * slots + k] = sum;
+        }
+    }
+}
+
+// dE/dW at the given weights; finds the rotations. `measures` may be NULL.
+static void find_gradient(pci_skin_alternation *a, const double *weights,
+                          pci_skin_measures *measures) {
+    pci_skin_frames *w = &a->frames;
+    pci_skin_frames_set_weights(w, weights);
+    pass_job pass = {.a = a, .measured = measures != NULL};
+    pci_parallel_for(w->context, w->block_count, 1, pass_blocks, &pass);
+    row_job rows = {.a = a, .weights = weights};
+    pci_parallel_for(w->context, w->problem->vertex_count, 256, finish_gradient, &rows);
+    if (measures != NULL) {
+        memset(measures, 0, sizeof(*measures));
+        for (size_t b = 0; b < w->block_count; ++b) {
+            pci_skin_frames_add(w, b, 1, &a->sums[b], measures, NULL);
+        }
+    }
+}
+
+// W + factor (W - before), brought back to the simplex.
+static void extrapolate(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const row_job *job = user;
+    const size_t slots = job->a->frames.problem->slots;
+    for (size_t v = begin; v < end; ++v) {
+        double sum = 0.0;
+        for (size_t k = v * slots; k < (v + 1) * slots; ++k) {
+            const double w = job->weights[k] + job->factor * (job->weights[k] - job->before[k]);
+            job->result[k] = w > 0.0 ? w : 0.0;
+            sum += job->result[k];
+        }
+        for (size_t k = v * slots; k < (v + 1) * slots; ++k) {
+            job->result[k] /= sum;
+        }
+    }
+}
+
+bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *problem,
+                                const pci_skin_kernel *kernel, pci_skin_alternation *a) {
+    const size_t nv = problem->vertex_count, count = nv * problem->slots;
+    memset(a, 0, sizeof(*a));
+    a->gradient = PCI_SCRATCH(scratch, double, count);
+    a->before = PCI_SCRATCH(scratch, double, count);
+    a->start = PCI_SCRATCH(scratch, double, count);
+    a->targets = PCI_SCRATCH(scratch, double, count);
+    a->follow = PCI_SCRATCH(scratch, double, nv);
+    a->allowed = PCI_SCRATCH(scratch, uint32_t, nv);
+    if (scratch->failed ||
+        !pci_skin_frames_build_sequential(scratch, problem, kernel, true, &a->frames)) {
+        return false;
+    }
+    memset(a->allowed, 0xff, nv * sizeof(*a->allowed));
+    const size_t blocks = a->frames.block_count;
+    const uint32_t threads = pc_context_threads(scratch->context);
+    a->partial_size = (count * kernel->real_size + 63) / 64 * 64; // keeps blocks aligned
+    a->partial = pci_skin_reals(scratch, kernel, blocks * a->partial_size / kernel->real_size);
+    a->sums = PCI_SCRATCH(scratch, pci_skin_sums, blocks);
+    a->buffers = PCI_SCRATCH(scratch, pci_skin_buffers, threads);
+    for (size_t i = 0; i < threads && a->buffers != NULL; ++i) {
+        a->buffers[i].displacements = pci_skin_reals(scratch, kernel, 3 * PCI_BLOCK * nv);
+        a->buffers[i].rotations = pci_skin_reals(scratch, kernel, 18 * PCI_BLOCK * nv);
+        a->buffers[i].residuals = pci_skin_reals(scratch, kernel, 6 * PCI_BLOCK * nv);
+    }
+    return !scratch->failed && build_gram(scratch, &a->frames, &a->gram);
+}
+
+void pci_skin_alternation_follow(pci_skin_alternation *a, const pc_mesh *proxy,
+                                 const pci_closest *closest) {
+    const pci_skin_problem *p = a->frames.problem;
+    double squares = 0.0;
+    for (size_t k = 0; k < 3 * proxy->triangle_count; ++k) {
+        const size_t i = proxy->triangles[k];
+        const size_t j = proxy->triangles[k % 3 == 2 ? k - 2 : k + 1];
+        squares += pci_squared_distance(&proxy->positions[3 * i], &proxy->positions[3 * j]);
+    }
+    a->spacing = squares / (3.0 * (double)proxy->triangle_count);
+    for (size_t v = 0; v < p->vertex_count; ++v) {
+        const uint32_t *corners = &proxy->triangles[3 * (size_t)closest[v].triangle];
+        for (size_t k = v * p->slots; k < (v + 1) * p->slots; ++k) {
+            const double *row = &a->gram[p->proxy_count * p->bones[k]];
+            a->targets[k] = closest[v].barycentric[0] * row[corners[0]] +
+                            closest[v].barycentric[1] * row[corners[1]] +
+                            closest[v].barycentric[2] * row[corners[2]];
+        }
+    }
+}
+
+bool pci_skin_alternation_weigh(pci_scratch *scratch, pci_skin_alternation *a,
+                                const double lambda[3], double lambda_follow) {
+    pci_skin_frames *w = &a->frames;
+    const pci_skin_problem *p = w->problem;
+    const double factor = w->unit * w->unit * (double)p->frame_count;
+    for (size_t x = 0; x < 3; ++x) {
+        w->data.scale[x] = p->norms[x] > 0.0 ? lambda[x] / (p->norms[x] * factor) : 0.0;
+    }
+    const double follow_norm = a->spacing * (double)p->vertex_count;
+    for (size_t v = 0; v < p->vertex_count; ++v) {
+        a->follow[v] = follow_norm > 0.0 ? lambda_follow / (follow_norm * factor) : 0.0;
+    }
+    return pci_skin_quadratic_build(scratch, p, w->data.scale, a->follow, a->gram, a->allowed,
+                                    &a->quadratic);
+}
+
+pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, double tolerance,
+                                   double progress_begin, double progress_end, double *weights) {
+    pc_context *context = a->frames.context;
+    const pci_skin_problem *p = a->frames.problem;
+    const size_t count = p->vertex_count * p->slots;
+    row_job job = {.a = a, .weights = weights, .before = a->before, .result = a->start};
+    double momentum = 1.0, lowered = 0.0;
+    memcpy(a->start, weights, count * sizeof(*weights));
+    for (uint32_t round = 0; round < rounds; ++round) {
+        const double share = (double)round / (double)rounds;
+        if (!pci_progress(context, stage,
+                          progress_begin + share * (progress_end - progress_begin))) {
+            return pci_fail_cancelled(context, stage);
+        }
+        find_gradient(a, a->start, NULL);
+        ++a->rounds;
+        memcpy(a->before, weights, count * sizeof(*weights));
+        memcpy(weights, a->start, count * sizeof(*weights));
+        for (uint32_t sweep = 0; sweep < SWEEPS; ++sweep) {
+            pci_skin_quadratic_sweep(&a->quadratic, a->start, a->gradient, sweep % 2 == 1, weights);
+        }
+        // Momentum that runs uphill is dropped. A quadratic function falls by half of what the
+        // gradient says on the way to its minimum.
+        double uphill = 0.0, fall = 0.0;
+        for (size_t k = 0; k < count; ++k) {
+            uphill += (a->start[k] - weights[k]) * (weights[k] - a->before[k]);
+            fall += 0.5 * a->gradient[k] * (a->start[k] - weights[k]);
+        }
+        lowered += fall;
+        if (fall <= tolerance * lowered) {
+            break;
+        }
+        const double next = 0.5 * (1.0 + sqrt(1.0 + 4.0 * momentum * momentum));
+        job.factor = uphill > 0.0 ? 0.0 : (momentum - 1.0) / next;
+        momentum = uphill > 0.0 ? 1.0 : next;
+        pci_parallel_for(context, p->vertex_count, 256, extrapolate, &job);
+    }
+    return PC_OK;
+}
+
+void pci_skin_alternation_prune(pci_skin_alternation *a, uint32_t kept, double *weights,
+                                pci_skin_measures *measures) {
+    const pci_skin_problem *p = a->frames.problem;
+    memcpy(a->start, weights, p->vertex_count * p->slots * sizeof(*weights));
+    find_gradient(a, a->start, measures);
+    pci_skin_quadratic_prune(&a->quadratic, a->start, a->gradient, kept, a->allowed, weights);
+}

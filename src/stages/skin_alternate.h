@@ -1,0 +1,58 @@
+// The default optimiser: alternates between all rotations and Gauss-Seidel sweeps over the
+// vertices, each an exact small program on the simplex. For skin*.c.
+//
+// L_f of skin.h: with b_i the closest point's barycentric coordinates, u*_i = sum_c b_ic d_c,
+//   sum_t |u_i - u*_i|^2 = w^T G w - 2 w^T G b + b^T G b,
+// which needs no pass over the frames.
+#ifndef PCI_SKIN_ALTERNATE_H
+#define PCI_SKIN_ALTERNATE_H
+
+#include "core/bvh.h"
+#include "stages/skin_frames.h"
+#include "stages/skin_quadratic.h"
+
+// Of one block of frames, per worker; see pci_skin_data.
+typedef struct pci_skin_buffers {
+    void *displacements, *rotations, *residuals;
+} pci_skin_buffers;
+
+typedef struct pci_skin_alternation {
+    pci_skin_frames frames;
+    pci_skin_quadratic quadratic;
+    double *gram;                      // #P by #P
+    uint32_t *allowed;                 // #V, see pci_skin_quadratic
+    double *targets;                   // #V by slots: G b, rows of the candidates
+    double *follow;                    // #V: factor of L_f
+    double spacing;                    // of the proxy's vertices, squared
+    double *gradient, *before, *start; // #V by slots
+    char *partial;                     // #blocks: gradient of the paper's losses
+    size_t partial_size;               // bytes per block
+    pci_skin_sums *sums;               // #blocks
+    pci_skin_buffers *buffers;         // #threads
+    uint32_t rounds;                   // so far
+} pci_skin_alternation;
+
+// False: out of memory.
+bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *problem,
+                                const pci_skin_kernel *kernel, pci_skin_alternation *alternation);
+
+// What L_f follows: `closest` (#V) on the proxy.
+void pci_skin_alternation_follow(pci_skin_alternation *alternation, const pc_mesh *proxy,
+                                 const pci_closest *closest);
+
+// `lambda`: of the losses divided by norm and frame count; of L_f. False: out of memory.
+bool pci_skin_alternation_weigh(pci_scratch *scratch, pci_skin_alternation *alternation,
+                                const double lambda[3], double lambda_follow);
+
+// At most `rounds` rounds of one pass over the frames and some sweeps; stops when a round lowers
+// the energy by less than `tolerance` of what all rounds of this call have.
+// @param[in,out] weights  in: any; slots that are not allowed are 0.
+PC_NODISCARD pc_status pci_skin_alternation_run(pci_skin_alternation *alternation, uint32_t rounds,
+                                                double tolerance, double progress_begin,
+                                                double progress_end, double *weights);
+
+// Leaves `kept` slots per row. `measures`: of the weights before.
+void pci_skin_alternation_prune(pci_skin_alternation *alternation, uint32_t kept, double *weights,
+                                pci_skin_measures *measures);
+
+#endif

@@ -1,0 +1,113 @@
+// Proxy vertices that a visual vertex may follow, and the first guess of its weights.
+#include "core/bvh.h"
+#include "core/knn.h"
+#include "stages/skin_fit.h"
+
+static const char stage[] = "skin";
+
+static const double distance_share = 0.1; // of the first guess
+
+typedef struct closest_job {
+    const pci_bvh *bvh;
+    const pc_mesh *surface;
+    pci_closest *closest; // #V
+} closest_job;
+
+static void find_closest(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const closest_job *job = user;
+    for (size_t v = begin; v < end; ++v) {
+        job->closest[v] = pci_bvh_closest(job->bvh, &job->surface->positions[3 * v], INFINITY);
+    }
+}
+
+pc_status pci_skin_closest_points(pc_context *context, const pc_mesh *surface, const pc_mesh *proxy,
+                                  pci_closest *closest) {
+    pci_bvh *bvh = NULL;
+    const pc_status status = pci_bvh_create(context, stage, proxy, &bvh);
+    if (status != PC_OK) {
+        return status;
+    }
+    closest_job job = {.bvh = bvh, .surface = surface, .closest = closest};
+    pci_parallel_for(context, surface->vertex_count, 256, find_closest, &job);
+    pci_bvh_destroy(context, bvh);
+    return PC_OK;
+}
+
+typedef struct candidate_job {
+    const pci_knn *knn;
+    const pc_mesh *surface, *proxy;
+    const pci_closest *closest;
+    uint32_t slots;
+    uint32_t *bones;   // #V by slots
+    double *surrogate; // #V by slots
+} candidate_job;
+
+// Candidates of one vertex: the corners of the closest triangle, then the nearest proxy vertices.
+// First guess: mostly the barycentric coordinates, the rest by inverse distance; nothing is 0,
+// where the gradient of |s| vanishes.
+static void fill_candidates(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const candidate_job *job = user;
+    for (size_t v = begin; v < end; ++v) {
+        const double *position = &job->surface->positions[3 * v];
+        const pci_closest *closest = &job->closest[v];
+        uint32_t *bones = &job->bones[v * job->slots];
+        double *s = &job->surrogate[v * job->slots];
+        uint32_t count = 0, near[PCI_SKIN_CANDIDATES_MAX];
+        double squared[PCI_SKIN_CANDIDATES_MAX], barycentric[PCI_SKIN_CANDIDATES_MAX] = {0},
+                                                 sum = 0.0, mean = 0.0;
+        for (size_t c = 0; c < 3 && count < job->slots; ++c) {
+            const uint32_t corner = job->proxy->triangles[3 * (size_t)closest->triangle + c];
+            bool known = false;
+            for (uint32_t k = 0; k < count; ++k) {
+                known = known || bones[k] == corner;
+            }
+            if (!known) {
+                barycentric[count] = closest->barycentric[c];
+                bones[count++] = corner;
+            }
+        }
+        const size_t found =
+            pci_knn_query(job->knn, position, job->slots, PC_INVALID_INDEX, near, squared);
+        for (size_t i = 0; i < found && count < job->slots; ++i) {
+            bool known = false;
+            for (uint32_t k = 0; k < count; ++k) {
+                known = known || bones[k] == near[i];
+            }
+            if (!known) {
+                bones[count++] = near[i];
+            }
+        }
+        for (uint32_t k = 0; k < count; ++k) {
+            s[k] =
+                sqrt(pci_squared_distance(position, &job->proxy->positions[3 * (size_t)bones[k]]));
+            mean += s[k] / (double)count;
+        }
+        for (uint32_t k = 0; k < count; ++k) {
+            s[k] = mean > 0.0 ? 1.0 / (s[k] + 0.01 * mean) : 1.0;
+            sum += s[k];
+        }
+        for (uint32_t k = 0; k < count; ++k) {
+            s[k] = distance_share * s[k] / sum + (1.0 - distance_share) * barycentric[k];
+        }
+    }
+}
+
+bool pci_skin_find_candidates(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *proxy,
+                              const pci_closest *closest, uint32_t slots, uint32_t *bones,
+                              double *weights) {
+    pci_knn knn;
+    if (!pci_knn_build(scratch, proxy->vertex_count, proxy->positions, &knn)) {
+        return false;
+    }
+    candidate_job job = {.knn = &knn,
+                         .surface = surface,
+                         .proxy = proxy,
+                         .closest = closest,
+                         .slots = slots,
+                         .bones = bones,
+                         .surrogate = weights};
+    pci_parallel_for(scratch->context, surface->vertex_count, 256, fill_candidates, &job);
+    return true;
+}

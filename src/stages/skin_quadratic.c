@@ -1,0 +1,416 @@
+#include "stages/skin_quadratic.h"
+
+#include <float.h>
+#include <stdlib.h>
+
+#include "stages/skin_frames.h"
+#include "stages/skin_simplex.h"
+
+enum { GROUP = 32, GRAIN = 4 }; // vertices that one thread visits in turn; groups per piece
+
+static const double ridge_share = 1e-9; // of the trace of a block, keeps it definite
+
+// ---- the matrix M -------------------------------------------------------------------------------
+
+typedef struct row_builder {
+    double *values; // #V
+    uint32_t *marks;
+    uint32_t *columns;
+    size_t count;
+    uint32_t row;
+} row_builder;
+
+static void add_entry(row_builder *b, uint32_t column, double value) {
+    if (b->marks[column] != b->row + 1) {
+        b->marks[column] = b->row + 1;
+        b->values[column] = 0.0;
+        b->columns[b->count++] = column;
+    }
+    b->values[column] += value;
+}
+
+// K(j) lists by their member i.
+typedef struct incoming_lists {
+    size_t *offsets;
+    uint32_t *sources;
+    double *weights;
+} incoming_lists;
+
+static bool build_incoming(pci_scratch *scratch, const pci_skin_problem *p, incoming_lists *in) {
+    const size_t nv = p->vertex_count, k = p->near_count;
+    in->offsets = PCI_SCRATCH(scratch, size_t, nv + 2);
+    in->sources = PCI_SCRATCH(scratch, uint32_t, k * nv);
+    in->weights = PCI_SCRATCH(scratch, double, k *nv);
+    if (scratch->failed) {
+        return false;
+    }
+    for (size_t e = 0; e < k * nv; ++e) {
+        ++in->offsets[p->near[e] + 2];
+    }
+    for (size_t v = 0; v < nv; ++v) {
+        in->offsets[v + 2] += in->offsets[v + 1];
+    }
+    for (size_t e = 0; e < k * nv; ++e) {
+        const size_t at = in->offsets[p->near[e] + 1]++;
+        in->sources[at] = (uint32_t)(e / k);
+        in->weights[at] = p->near_weights[e];
+    }
+    return true;
+}
+
+// Row i of M / 2.
+static void build_row(const pci_skin_problem *p, const incoming_lists *in, const double scale[3],
+                      uint32_t i, row_builder *b) {
+    const size_t k = p->near_count;
+    b->row = i;
+    b->count = 0;
+    add_entry(b, i, 0.0);
+    for (size_t e = p->ring_offsets[i]; e < p->ring_offsets[i + 1]; ++e) {
+        add_entry(b, p->ring[e], -2.0 * scale[0]);
+        b->values[i] += 2.0 * scale[0];
+    }
+    // Row r of K is 1 at r and -Kw at K(r).
+    for (size_t e = 0; e < k; ++e) {
+        const uint32_t j = p->near[k * i + e];
+        add_entry(b, j, -scale[1] - scale[2] * p->near_weights[k * i + e]);
+    }
+    b->values[i] += (double)k * scale[1] + scale[2];
+    for (size_t s = in->offsets[i]; s < in->offsets[i + 1]; ++s) {
+        const uint32_t r = in->sources[s];
+        const double weight = in->weights[s];
+        b->values[i] += scale[1];
+        add_entry(b, r, -scale[1] - scale[2] * weight);
+        for (size_t e = k * r; e < k * r + k; ++e) {
+            add_entry(b, p->near[e], scale[2] * weight * p->near_weights[e]);
+        }
+    }
+}
+
+static bool build_matrix(pci_scratch *scratch, const pci_skin_problem *p, const double scale[3],
+                         const double *diagonal, pci_skin_quadratic *q) {
+    const size_t nv = p->vertex_count;
+    row_builder b = {.values = PCI_SCRATCH(scratch, double, nv),
+                     .marks = PCI_SCRATCH(scratch, uint32_t, nv),
+                     .columns = PCI_SCRATCH(scratch, uint32_t, nv)};
+    incoming_lists in;
+    size_t capacity = 0, count = 0;
+    uint32_t *columns = NULL;
+    double *values = NULL;
+    size_t value_capacity = 0;
+    q->offsets = PCI_SCRATCH(scratch, size_t, nv + 1);
+    if (scratch->failed || !build_incoming(scratch, p, &in)) {
+        return false;
+    }
+    for (uint32_t i = 0; i < nv; ++i) {
+        build_row(p, &in, scale, i, &b);
+        b.values[i] += diagonal[i];
+        if (!pci_scratch_reserve(scratch, (void **)&columns, &capacity, count + b.count,
+                                 sizeof(*columns)) ||
+            !pci_scratch_reserve(scratch, (void **)&values, &value_capacity, count + b.count,
+                                 sizeof(*values))) {
+            return false;
+        }
+        for (size_t k = 0; k < b.count; ++k) {
+            columns[count] = b.columns[k];
+            values[count++] = 2.0 * b.values[b.columns[k]];
+        }
+        q->offsets[i + 1] = count;
+    }
+    q->columns = columns;
+    q->values = values;
+    return true;
+}
+
+// ---- groups and colours -------------------------------------------------------------------------
+
+// Interleaves the bits of three numbers below 2^21.
+static uint64_t spread_bits(uint64_t x) {
+    x = (x | x << 32) & 0x1f00000000ffffu;
+    x = (x | x << 16) & 0x1f0000ff0000ffu;
+    x = (x | x << 8) & 0x100f00f00f00f00fu;
+    x = (x | x << 4) & 0x10c30c30c30c30c3u;
+    return (x | x << 2) & 0x1249249249249249u;
+}
+
+typedef struct sorted_vertex {
+    uint64_t code;
+    uint32_t vertex;
+} sorted_vertex;
+
+static int compare_vertex(const void *left, const void *right) {
+    const sorted_vertex *a = left, *b = right;
+    if (a->code != b->code) {
+        return a->code < b->code ? -1 : 1;
+    }
+    return (a->vertex > b->vertex) - (a->vertex < b->vertex);
+}
+
+// Vertices along the Z-order curve, cut into groups.
+static bool build_groups(pci_scratch *scratch, const pci_skin_problem *p, pci_skin_quadratic *q) {
+    const size_t nv = p->vertex_count;
+    q->group_count = (uint32_t)((nv + GROUP - 1) / GROUP);
+    sorted_vertex *sorted = PCI_SCRATCH(scratch, sorted_vertex, nv);
+    q->members = PCI_SCRATCH(scratch, uint32_t, nv);
+    q->group_offsets = PCI_SCRATCH(scratch, uint32_t, (size_t)q->group_count + 1);
+    if (scratch->failed) {
+        return false;
+    }
+    double low[3] = {INFINITY, INFINITY, INFINITY}, extent = 0.0;
+    for (size_t k = 0; k < 3 * nv; ++k) {
+        low[k % 3] = p->rest[k] < low[k % 3] ? p->rest[k] : low[k % 3];
+    }
+    for (size_t k = 0; k < 3 * nv; ++k) {
+        extent = p->rest[k] - low[k % 3] > extent ? p->rest[k] - low[k % 3] : extent;
+    }
+    for (size_t v = 0; v < nv; ++v) {
+        sorted[v].vertex = (uint32_t)v;
+        for (size_t c = 0; c < 3; ++c) {
+            const double x = extent > 0.0 ? (p->rest[3 * v + c] - low[c]) / extent : 0.0;
+            sorted[v].code |= spread_bits((uint64_t)(x * 2097151.0)) << c;
+        }
+    }
+    qsort(sorted, nv, sizeof(*sorted), compare_vertex);
+    for (size_t v = 0; v < nv; ++v) {
+        q->members[v] = sorted[v].vertex;
+    }
+    for (size_t g = 0; g < q->group_count; ++g) {
+        q->group_offsets[g + 1] = (uint32_t)(nv - g * GROUP < GROUP ? nv : (g + 1) * GROUP);
+    }
+    return true;
+}
+
+// Each group takes the first colour that no group it shares an entry of M with has.
+static bool colour_groups(pci_scratch *scratch, pci_skin_quadratic *q) {
+    uint32_t *group_of = PCI_SCRATCH(scratch, uint32_t, q->vertex_count);
+    uint32_t *colours = PCI_SCRATCH(scratch, uint32_t, q->group_count); // + 1; 0: none yet
+    uint32_t *taken = PCI_SCRATCH(scratch, uint32_t, (size_t)q->group_count + 2);
+    uint32_t *offsets = PCI_SCRATCH(scratch, uint32_t, (size_t)q->group_count + 2);
+    q->groups = PCI_SCRATCH(scratch, uint32_t, q->group_count);
+    if (scratch->failed) {
+        return false;
+    }
+    for (uint32_t g = 0; g < q->group_count; ++g) {
+        for (uint32_t m = q->group_offsets[g]; m < q->group_offsets[g + 1]; ++m) {
+            group_of[q->members[m]] = g;
+        }
+    }
+    for (uint32_t g = 0; g < q->group_count; ++g) {
+        for (uint32_t m = q->group_offsets[g]; m < q->group_offsets[g + 1]; ++m) {
+            const uint32_t v = q->members[m];
+            for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
+                taken[colours[group_of[q->columns[e]]]] = g + 1;
+            }
+        }
+        uint32_t colour = 1;
+        while (taken[colour] == g + 1) {
+            ++colour;
+        }
+        colours[g] = colour;
+        ++offsets[colour];
+        q->colour_count = colour > q->colour_count ? colour : q->colour_count;
+    }
+    for (uint32_t c = 0; c < q->colour_count; ++c) {
+        offsets[c + 1] += offsets[c];
+    }
+    for (uint32_t g = 0; g < q->group_count; ++g) {
+        q->groups[offsets[colours[g] - 1]++] = g;
+    }
+    for (uint32_t c = q->colour_count; c > 0; --c) {
+        offsets[c] = offsets[c - 1];
+    }
+    offsets[0] = 0;
+    q->colour_offsets = offsets;
+    return true;
+}
+
+bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *problem,
+                              const double scale[3], const double *diagonal, const double *gram,
+                              const uint32_t *allowed, pci_skin_quadratic *q) {
+    memset(q, 0, sizeof(*q));
+    q->context = scratch->context;
+    q->vertex_count = problem->vertex_count;
+    q->proxy_count = problem->proxy_count;
+    q->slots = problem->slots;
+    q->bones = problem->bones;
+    q->gram = gram;
+    q->allowed = allowed;
+    const size_t threads = pc_context_threads(scratch->context);
+    q->accumulators = PCI_SCRATCH(scratch, double, threads * q->proxy_count);
+    q->marks = PCI_SCRATCH(scratch, uint8_t, threads * q->proxy_count);
+    q->touched = PCI_SCRATCH(scratch, uint32_t, threads * (q->proxy_count + 1));
+    return !scratch->failed && build_matrix(scratch, problem, scale, diagonal, q) &&
+           build_groups(scratch, problem, q) && colour_groups(scratch, q);
+}
+
+// ---- sweeps -------------------------------------------------------------------------------------
+
+typedef struct sweep_job {
+    const pci_skin_quadratic *q;
+    const double *reference, *gradient;
+    double *weights;
+    const uint32_t *groups; // of the running colour
+    bool backward;
+    uint32_t kept;     // slots to keep, or 0
+    uint32_t *allowed; // of the quadratic, if slots are taken away
+} sweep_job;
+
+// The gradient of one row at the present weights: g0 + G sum_j M_ij (w_j - w0_j).
+static void row_gradient(const sweep_job *job, uint32_t v, uint32_t worker, double *gradient) {
+    const pci_skin_quadratic *q = job->q;
+    double *y = &q->accumulators[worker * q->proxy_count];
+    uint8_t *marks = &q->marks[worker * q->proxy_count];
+    uint32_t *touched = &q->touched[worker * (q->proxy_count + 1)];
+    const size_t slots = q->slots;
+    size_t count = 0;
+    for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
+        const size_t row = slots * q->columns[e];
+        for (size_t k = row; k < row + slots; ++k) {
+            const double moved = q->values[e] * (job->weights[k] - job->reference[k]);
+            const uint32_t bone = q->bones[k];
+            if (moved != 0.0) {
+                touched[count] = bone;
+                count += !marks[bone];
+                marks[bone] = 1;
+                y[bone] += moved;
+            }
+        }
+    }
+    for (size_t k = 0; k < slots; ++k) {
+        const double *row = &q->gram[q->proxy_count * q->bones[v * slots + k]];
+        double sum = 0.0;
+        for (size_t t = 0; t < count; ++t) {
+            sum += row[touched[t]] * y[touched[t]];
+        }
+        gradient[k] = job->gradient[v * slots + k] + sum;
+    }
+    for (size_t t = 0; t < count; ++t) {
+        y[touched[t]] = 0.0;
+        marks[touched[t]] = 0;
+    }
+}
+
+// One row as a small program over its allowed slots.
+typedef struct row_program {
+    uint32_t count;
+    uint32_t slots[PCI_SKIN_SLOTS_MAX];
+    double a[PCI_SKIN_SLOTS_MAX * PCI_SKIN_SLOTS_MAX];
+    double weights[PCI_SKIN_SLOTS_MAX], gradient[PCI_SKIN_SLOTS_MAX];
+    double ridge;
+} row_program;
+
+static void extract_row(const sweep_job *job, uint32_t v, uint32_t worker, row_program *r) {
+    const pci_skin_quadratic *q = job->q;
+    const uint32_t *bones = &q->bones[(size_t)v * q->slots];
+    double gradient[PCI_SKIN_SLOTS_MAX], trace = 0.0;
+    row_gradient(job, v, worker, gradient);
+    r->count = 0;
+    for (uint32_t k = 0; k < q->slots; ++k) {
+        if (q->allowed[v] >> k & 1) {
+            r->slots[r->count] = k;
+            r->weights[r->count] = job->weights[(size_t)v * q->slots + k];
+            r->gradient[r->count++] = gradient[k];
+        }
+    }
+    const double diagonal = q->values[q->offsets[v]];
+    for (uint32_t i = 0; i < r->count; ++i) {
+        const double *row = &q->gram[q->proxy_count * bones[r->slots[i]]];
+        for (uint32_t j = 0; j < r->count; ++j) {
+            r->a[i * r->count + j] = diagonal * row[bones[r->slots[j]]];
+        }
+        trace += r->a[i * r->count + i];
+    }
+    r->ridge = ridge_share * trace + DBL_MIN;
+}
+
+// Takes one slot away; its weight goes to the others in proportion.
+static void drop_slot(row_program *r, uint32_t out) {
+    const uint32_t n = r->count;
+    const double left = 1.0 - r->weights[out];
+    for (uint32_t i = 0; i < n; ++i) {
+        const double next = i == out     ? 0.0
+                            : left > 0.0 ? r->weights[i] / left
+                                         : 1.0 / (double)(n - 1);
+        const double moved = next - r->weights[i];
+        r->weights[i] = next;
+        for (uint32_t j = 0; j < n; ++j) {
+            r->gradient[j] += r->a[i * n + j] * moved;
+        }
+    }
+    uint32_t to = 0;
+    for (uint32_t i = 0; i < n; ++i) {
+        if (i == out) {
+            continue;
+        }
+        r->slots[to] = r->slots[i];
+        r->weights[to] = r->weights[i];
+        r->gradient[to] = r->gradient[i];
+        for (uint32_t j = 0, at = 0; j < n; ++j) {
+            if (j != out) {
+                r->a[to * (n - 1) + at++] = r->a[i * n + j];
+            }
+        }
+        ++to;
+    }
+    r->count = n - 1;
+}
+
+static void minimize_row(const sweep_job *job, uint32_t v, uint32_t worker) {
+    const pci_skin_quadratic *q = job->q;
+    row_program r;
+    extract_row(job, v, worker, &r);
+    pci_simplex_minimize(r.count, r.a, r.ridge, r.weights, r.gradient);
+    while (job->kept > 0 && r.count > job->kept) {
+        const uint32_t out = pci_simplex_least(r.count, r.a, r.ridge, r.weights);
+        job->allowed[v] &= ~((uint32_t)1 << r.slots[out]);
+        job->weights[(size_t)v * q->slots + r.slots[out]] = 0.0;
+        drop_slot(&r, out);
+        pci_simplex_minimize(r.count, r.a, r.ridge, r.weights, r.gradient);
+    }
+    for (uint32_t i = 0; i < r.count; ++i) {
+        job->weights[(size_t)v * q->slots + r.slots[i]] = r.weights[i];
+    }
+}
+
+static void sweep_groups(void *user, size_t begin, size_t end, uint32_t worker) {
+    const sweep_job *job = user;
+    const pci_skin_quadratic *q = job->q;
+    for (size_t i = begin; i < end; ++i) {
+        const uint32_t group = job->groups[i];
+        const uint32_t first = q->group_offsets[group], last = q->group_offsets[group + 1];
+        for (uint32_t m = first; m < last; ++m) {
+            minimize_row(job, q->members[job->backward ? last - 1 - (m - first) : m], worker);
+        }
+    }
+}
+
+static void run_sweep(sweep_job *job) {
+    const pci_skin_quadratic *q = job->q;
+    for (uint32_t c = 0; c < q->colour_count; ++c) {
+        const uint32_t colour = job->backward ? q->colour_count - 1 - c : c;
+        const uint32_t first = q->colour_offsets[colour], last = q->colour_offsets[colour + 1];
+        job->groups = &q->groups[first];
+        pci_parallel_for(q->context, last - first, GRAIN, sweep_groups, job);
+    }
+}
+
+void pci_skin_quadratic_sweep(const pci_skin_quadratic *q, const double *reference,
+                              const double *gradient, bool backward, double *weights) {
+    sweep_job job = {.q = q,
+                     .reference = reference,
+                     .gradient = gradient,
+                     .weights = weights,
+                     .backward = backward};
+    run_sweep(&job);
+}
+
+void pci_skin_quadratic_prune(const pci_skin_quadratic *q, const double *reference,
+                              const double *gradient, uint32_t kept, uint32_t *allowed,
+                              double *weights) {
+    sweep_job job = {.q = q,
+                     .reference = reference,
+                     .gradient = gradient,
+                     .weights = weights,
+                     .kept = kept,
+                     .allowed = allowed};
+    run_sweep(&job);
+}

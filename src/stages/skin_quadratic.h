@@ -1,0 +1,52 @@
+// The energy of skin.h as a quadratic function of the weights, rotations held fixed. For skin*.c.
+//
+//   E(W) = E(W0) + <g0, W - W0> + 1/2 sum (w - w0)_ib H_ib,jc (w - w0)_jc,
+//   H_ib,jc = M_ij G[B_ib, B_jc]
+// with M = 2 (weighted Laplacians of L_r and L_c + K^T K of L_a + diagonal of L_t) and the Gram
+// matrix G of the displacements of the proxy over all frames.
+#ifndef PCI_SKIN_QUADRATIC_H
+#define PCI_SKIN_QUADRATIC_H
+
+#include "stages/skin_internal.h"
+
+typedef struct pci_skin_quadratic {
+    pc_context *context;
+    size_t vertex_count, proxy_count;
+    uint32_t slots;
+    const uint32_t *bones; // #V by slots
+    size_t *offsets;       // #V + 1: rows of M, the diagonal is the first entry
+    uint32_t *columns;
+    double *values;
+    const double *gram;      // G, #P by #P
+    const uint32_t *allowed; // #V, bit k: slot k may have weight
+    // Vertices in groups; groups of one colour share no entry of M.
+    uint32_t group_count, colour_count;
+    uint32_t *group_offsets;  // #groups + 1, into members
+    uint32_t *members;        // #V
+    uint32_t *colour_offsets; // #colours + 1, into groups
+    uint32_t *groups;         // #groups, by colour
+    double *accumulators;     // #threads by #P
+    uint8_t *marks;           // #threads by #P
+    uint32_t *touched;        // #threads by #P + 1
+} pci_skin_quadratic;
+
+// `scale`: factors of the losses; `diagonal` (#V): what else M / 2 has there. `gram` and `allowed`
+// stay the caller's. False: out of memory.
+bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *problem,
+                              const double scale[3], const double *diagonal, const double *gram,
+                              const uint32_t *allowed, pci_skin_quadratic *quadratic);
+
+// One Gauss-Seidel sweep over all vertices, each minimised exactly over the simplex.
+// @param[in]     reference, gradient  W0 and g0.
+// @param[in,out] weights              W.
+void pci_skin_quadratic_sweep(const pci_skin_quadratic *quadratic, const double *reference,
+                              const double *gradient, bool backward, double *weights);
+
+// A sweep that takes slots away until each row has `kept`: the one whose loss costs least while the
+// other slots of the row adapt, by the second derivatives (Hassibi, Stork, "Optimal brain surgeon",
+// 1993). Clears their bits in `allowed`, which is the array of the quadratic.
+void pci_skin_quadratic_prune(const pci_skin_quadratic *quadratic, const double *reference,
+                              const double *gradient, uint32_t kept, uint32_t *allowed,
+                              double *weights);
+
+#endif

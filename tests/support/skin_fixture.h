@@ -1,0 +1,125 @@
+// Weight problems with known answers, for the tests of skinning.
+#ifndef TEST_SUPPORT_SKIN_FIXTURE_H
+#define TEST_SUPPORT_SKIN_FIXTURE_H
+
+#include "stages/skin_internal.h"
+#include "support/fixture.h"
+#include "support/obj.h"
+#include "support/test.h"
+
+// A problem whose candidates, first guess and expected numbers come from other code (PyTorch).
+typedef struct fixture {
+    pc_context *context;
+    pci_scratch scratch;
+    const char *name;
+    pc_mesh visual, proxy;
+    double *frames, *surrogate, *weights;
+    uint32_t *bones, *near;
+    const uint32_t *own_near; // as pci_skin_problem_build found it
+    pci_skin_problem problem;
+    size_t count; // weights
+} fixture;
+
+static inline const char *path_of(const fixture *f, const char *file) {
+    static char path[512];
+    snprintf(path, sizeof(path), TEST_DATA_DIR "/skinning/%s/%s", f->name, file);
+    return path;
+}
+
+static inline double *expected(const fixture *f, const char *key, size_t count) {
+    size_t found = 0;
+    double *numbers = test_read_json_numbers(path_of(f, "expected.json"), key, &found);
+    if (found != count) {
+        fail_msg("%s has %zu numbers", key, found);
+    }
+    return numbers;
+}
+
+static inline double expected_number(const fixture *f, const char *key) {
+    double *numbers = expected(f, key, 1);
+    const double number = numbers[0];
+    free(numbers);
+    return number;
+}
+
+static inline void load_fixture(const char *name, uint32_t threads, fixture *f) {
+    memset(f, 0, sizeof(*f));
+    f->name = name;
+    f->context = test_context(threads);
+    f->scratch = pci_scratch_begin(f->context);
+    assert_true(test_read_obj(f->context, path_of(f, "visual.obj"), &f->visual));
+    assert_true(test_read_obj(f->context, path_of(f, "proxy.obj"), &f->proxy));
+    size_t frame_numbers = 0, bone_numbers = 0;
+    f->frames = test_read_numbers(path_of(f, "frames.f64"), &frame_numbers);
+    f->surrogate = test_read_numbers(path_of(f, "S0.csv"), &f->count);
+    double *bones = test_read_numbers(path_of(f, "B.csv"), &bone_numbers);
+    assert_int_equal(bone_numbers, f->count);
+    f->bones = calloc(f->count, sizeof(*f->bones));
+    for (size_t i = 0; i < f->count; ++i) {
+        f->bones[i] = (uint32_t)bones[i];
+    }
+    free(bones);
+    pci_skin_problem *p = &f->problem;
+    const uint32_t neighbours = (uint32_t)expected_number(f, "kK");
+    assert_true(pci_skin_problem_build(&f->scratch, &f->visual, neighbours, p));
+    p->slots = (uint32_t)(f->count / f->visual.vertex_count);
+    p->bones = f->bones;
+    p->proxy_count = f->proxy.vertex_count;
+    p->proxy_rest = f->proxy.positions;
+    p->frame_count = frame_numbers / (3 * p->proxy_count);
+    p->frames = f->frames;
+    f->weights = calloc(f->count, sizeof(double));
+    for (size_t v = 0; v < p->vertex_count; ++v) {
+        pci_skin_normalize(&f->surrogate[v * p->slots], p->slots, &f->weights[v * p->slots]);
+    }
+    // Among neighbours at equal distance the other code chose others; and it has epsilon_z = 1 mm
+    // whatever the size of the garment.
+    size_t near_numbers = 0;
+    f->own_near = p->near;
+    double *near = test_read_numbers(path_of(f, "K.csv"), &near_numbers);
+    assert_int_equal(near_numbers, p->vertex_count * p->near_count);
+    f->near = calloc(near_numbers, sizeof(*f->near));
+    for (size_t i = 0; i < near_numbers; ++i) {
+        f->near[i] = (uint32_t)near[i];
+    }
+    free(near);
+    p->near = f->near;
+    double *near_weights = calloc(p->vertex_count * p->near_count, sizeof(double));
+    for (size_t v = 0; v < p->vertex_count; ++v) {
+        double *row = &near_weights[v * p->near_count], sum = 0.0;
+        for (size_t k = 0; k < p->near_count; ++k) {
+            const uint32_t j = p->near[v * p->near_count + k];
+            row[k] =
+                1.0 / (sqrt(pci_squared_distance(&p->rest[3 * v], &p->rest[3 * (size_t)j])) + 1e-3);
+            sum += row[k];
+        }
+        for (size_t k = 0; k < p->near_count; ++k) {
+            row[k] /= sum;
+        }
+    }
+    p->near_weights = near_weights;
+}
+
+static inline void free_fixture(fixture *f) {
+    free((double *)(uintptr_t)f->problem.near_weights);
+    free(f->frames);
+    free(f->surrogate);
+    free(f->weights);
+    free(f->bones);
+    free(f->near);
+    pc_mesh_free(f->context, &f->visual);
+    pc_mesh_free(f->context, &f->proxy);
+    pci_scratch_end(&f->scratch);
+    pc_context_destroy(f->context);
+}
+
+static inline void make_motion(pc_context *context, const pc_mesh *proxy, uint32_t frames,
+                               uint32_t seed, pc_motion *motion) {
+    pc_simulate_options options;
+    pc_record_set_defaults(&pc_simulate_options_record, &options);
+    options.frames = frames;
+    options.seed = seed;
+    assert_ok(context, pc_simulate(context, proxy, &options, motion, NULL));
+}
+
+#endif

@@ -1,0 +1,504 @@
+#include "stages/skin_alternate.h"
+#include "stages/skin_fit.h"
+#include "stages/skin_simplex.h"
+#include "support/skin_fixture.h"
+
+// ---- programs on the simplex --------------------------------------------------------------------
+
+enum { MOST = 9 };
+
+// A random program: A of the given rank, g, and a feasible point, possibly with zeros.
+static void random_program(uint64_t seed, uint32_t n, uint32_t rank, double *a, double *g,
+                           double *w) {
+    double sum = 0.0;
+    memset(a, 0, n * n * sizeof(*a));
+    for (uint32_t r = 0; r < rank; ++r) {
+        double row[MOST];
+        for (uint32_t k = 0; k < n; ++k) {
+            row[k] = 2.0 * pci_random(seed, 1 + r, k) - 1.0;
+        }
+        for (uint32_t k = 0; k < n * n; ++k) {
+            a[k] += row[k / n] * row[k % n];
+        }
+    }
+    for (uint32_t k = 0; k < n; ++k) {
+        g[k] = 2.0 * pci_random(seed, 100, k) - 1.0;
+        w[k] = pci_random(seed, 101, k) < 0.3 && k > 0 ? 0.0 : pci_random(seed, 102, k) + 0.01;
+        sum += w[k];
+    }
+    for (uint32_t k = 0; k < n; ++k) {
+        w[k] /= sum;
+    }
+}
+
+static double program_value(uint32_t n, const double *a, const double *g, const double *from,
+                            const double *x) {
+    double value = 0.0;
+    for (uint32_t i = 0; i < n; ++i) {
+        value += g[i] * (x[i] - from[i]);
+        for (uint32_t j = 0; j < n; ++j) {
+            value += 0.5 * a[i * n + j] * (x[i] - from[i]) * (x[j] - from[j]);
+        }
+    }
+    return value;
+}
+
+// Necessary and sufficient for the minimum of a convex program.
+static void programs_meet_the_optimality_conditions(void **state) {
+    (void)state;
+    for (uint64_t seed = 0; seed < 3000; ++seed) {
+        const uint32_t n = 1 + (uint32_t)(seed % MOST);
+        const uint32_t rank = 1 + (uint32_t)(pci_random(seed, 7, 7) * MOST);
+        double a[MOST * MOST], g0[MOST], w0[MOST], g[MOST], w[MOST];
+        random_program(seed, n, rank, a, g0, w0);
+        memcpy(g, g0, sizeof(g));
+        memcpy(w, w0, sizeof(w));
+        pci_simplex_minimize(n, a, 1e-8, w, g);
+        double sum = 0.0, lowest = INFINITY;
+        for (uint32_t k = 0; k < n; ++k) {
+            double gradient = g0[k];
+            for (uint32_t j = 0; j < n; ++j) {
+                gradient += a[k * n + j] * (w[j] - w0[j]);
+            }
+            assert_close(g[k], gradient, 1e-7);
+            assert_true(w[k] >= 0.0);
+            sum += w[k];
+            lowest = gradient < lowest ? gradient : lowest;
+        }
+        assert_close(sum, 1.0, 1e-14);
+        for (uint32_t k = 0; k < n; ++k) {
+            // In the null space of A only the ridge keeps the step finite.
+            assert_true(w[k] < 1e-12 || g[k] <= lowest + 1e-5);
+        }
+    }
+}
+
+// The slot whose loss costs least, against solving without each of them in turn. The cost that
+// ignores signs is exact where the others stay positive.
+static void the_cheapest_slot_goes(void **state) {
+    (void)state;
+    size_t compared = 0;
+    for (uint64_t seed = 0; seed < 400; ++seed) {
+        const uint32_t n = 5;
+        double a[MOST * MOST], g[MOST], w[MOST], costs[MOST];
+        random_program(seed, n, MOST, a, g, w);
+        pci_simplex_minimize(n, a, 1e-12, w, g);
+        uint32_t cheapest = 0;
+        bool interior = true;
+        for (uint32_t out = 0; out < n; ++out) {
+            // Minimum over the others, by the same solver on a smaller program from w without it.
+            double b[MOST * MOST], h[MOST], x[MOST], full[MOST] = {0};
+            const double left = 1.0 - w[out];
+            interior = interior && w[out] > 0.0;
+            for (uint32_t i = 0; i < n; ++i) {
+                full[i] = i == out ? 0.0 : w[i] / left;
+            }
+            for (uint32_t i = 0, r = 0; i < n; ++i) {
+                if (i == out) {
+                    continue;
+                }
+                h[r] = g[i];
+                for (uint32_t j = 0; j < n; ++j) {
+                    h[r] += a[i * n + j] * (full[j] - w[j]);
+                }
+                x[r] = full[i];
+                for (uint32_t j = 0, s = 0; j < n; ++j) {
+                    if (j != out) {
+                        b[r * (n - 1) + s++] = a[i * n + j];
+                    }
+                }
+                ++r;
+            }
+            pci_simplex_minimize(n - 1, b, 1e-12, x, h);
+            for (uint32_t i = 0, r = 0; i < n; ++i) {
+                full[i] = i == out ? 0.0 : x[r++];
+                interior = interior && (i == out || full[i] > 0.0);
+            }
+            costs[out] = program_value(n, a, g, w, full);
+            cheapest = costs[out] < costs[cheapest] ? out : cheapest;
+        }
+        if (interior) {
+            assert_int_equal(pci_simplex_least(n, a, 1e-12, w), cheapest);
+            ++compared;
+        }
+    }
+    assert_true(compared >= 5);
+    const double identity[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, weights[3] = {0.5, 0.0, 0.5};
+    assert_int_equal(pci_simplex_least(3, identity, 1e-12, weights), 1);
+}
+
+// ---- the quadratic ------------------------------------------------------------------------------
+
+static const char *const moving_names[] = {"dress796", "fedora"};
+static const double lambda_all[3] = {1.0, 1.0, 0.1};
+
+typedef struct solver {
+    fixture f;
+    pc_motion motion;
+    pci_closest *closest;
+    pci_skin_alternation a;
+} solver;
+
+static void open_solver(const char *name, uint32_t frames, uint32_t threads, double follow,
+                        solver *s) {
+    load_fixture(name, threads, &s->f);
+    memset(&s->motion, 0, sizeof(s->motion));
+    make_motion(s->f.context, &s->f.proxy, frames, 1, &s->motion);
+    s->f.problem.frame_count = frames;
+    s->f.problem.frames = s->motion.positions;
+    s->closest = calloc(s->f.problem.vertex_count, sizeof(*s->closest));
+    assert_ok(s->f.context,
+              pci_skin_closest_points(s->f.context, &s->f.visual, &s->f.proxy, s->closest));
+    assert_true(
+        pci_skin_alternation_build(&s->f.scratch, &s->f.problem, pci_skin_kernel_double(), &s->a));
+    pci_skin_alternation_follow(&s->a, &s->f.proxy, s->closest);
+    assert_true(pci_skin_alternation_weigh(&s->f.scratch, &s->a, lambda_all, follow));
+}
+
+static void close_solver(solver *s) {
+    free(s->closest);
+    pc_motion_free(s->f.context, &s->motion);
+    free_fixture(&s->f);
+}
+
+// u^T M u = 2 (sum of the squared differences of each term), for random u.
+static void the_matrix_is_that_of_the_losses(void **state) {
+    (void)state;
+    solver s;
+    open_solver("fedora", 4, 1, 0.7, &s);
+    const pci_skin_problem *p = &s.f.problem;
+    const pci_skin_quadratic *q = &s.a.quadratic;
+    const double *scale = s.a.frames.data.scale;
+    const size_t nv = p->vertex_count;
+    double *u = calloc(nv, sizeof(double));
+    for (uint64_t seed = 0; seed < 4; ++seed) {
+        double form = 0.0, direct = 0.0;
+        for (size_t v = 0; v < nv; ++v) {
+            u[v] = pci_random(seed, 0, v) - 0.5;
+        }
+        for (size_t v = 0; v < nv; ++v) {
+            assert_int_equal(q->columns[q->offsets[v]], v);
+            for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
+                form += u[v] * q->values[e] * u[q->columns[e]];
+            }
+            double attached = u[v];
+            for (size_t e = p->ring_offsets[v]; e < p->ring_offsets[v + 1]; ++e) {
+                direct += scale[0] * (u[v] - u[p->ring[e]]) * (u[v] - u[p->ring[e]]);
+            }
+            for (size_t e = v * p->near_count; e < (v + 1) * p->near_count; ++e) {
+                direct += scale[1] * (u[v] - u[p->near[e]]) * (u[v] - u[p->near[e]]);
+                attached -= p->near_weights[e] * u[p->near[e]];
+            }
+            direct += scale[2] * attached * attached + s.a.follow[v] * u[v] * u[v];
+        }
+        assert_close(form, 2.0 * direct, 1e-11 * direct);
+    }
+    free(u);
+    close_solver(&s);
+}
+
+static void groups_of_one_colour_share_nothing(void **state) {
+    (void)state;
+    solver s;
+    open_solver("dress796", 2, 1, 1.0, &s);
+    const pci_skin_quadratic *q = &s.a.quadratic;
+    const size_t nv = s.f.problem.vertex_count;
+    uint32_t *group = calloc(nv, sizeof(uint32_t)), *colour = calloc(nv, sizeof(uint32_t));
+    size_t members = 0;
+    for (uint32_t c = 0; c < q->colour_count; ++c) {
+        for (uint32_t i = q->colour_offsets[c]; i < q->colour_offsets[c + 1]; ++i) {
+            const uint32_t g = q->groups[i];
+            for (uint32_t m = q->group_offsets[g]; m < q->group_offsets[g + 1]; ++m) {
+                assert_int_equal(colour[q->members[m]], 0); // each vertex once
+                colour[q->members[m]] = c + 1;
+                group[q->members[m]] = g;
+                ++members;
+            }
+        }
+    }
+    assert_int_equal(members, nv);
+    for (size_t v = 0; v < nv; ++v) {
+        for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
+            const size_t j = q->columns[e];
+            assert_true(group[v] == group[j] || colour[v] != colour[j]);
+        }
+    }
+    free(group);
+    free(colour);
+    close_solver(&s);
+}
+
+// Sweeps solve the whole convex program: the gradient H (W - W0) + g0, written out, meets the
+// optimality conditions in every row.
+static void sweeps_reach_the_minimum(void **state) {
+    (void)state;
+    solver s;
+    open_solver("tiny", 12, 1, 1.0, &s);
+    const pci_skin_problem *p = &s.f.problem;
+    const pci_skin_quadratic *q = &s.a.quadratic;
+    const size_t slots = p->slots, count = s.f.count;
+    double *g0 = calloc(count, sizeof(double)), *w = calloc(count, sizeof(double)), scale = 0.0;
+    for (size_t i = 0; i < count; ++i) {
+        const double g = s.a.gram[p->bones[i] * (p->proxy_count + 1)];
+        g0[i] = g * q->values[0] * (pci_random(3, 1, i) - 0.5);
+        scale = fabs(g0[i]) > scale ? fabs(g0[i]) : scale;
+    }
+    memcpy(w, s.f.weights, count * sizeof(double));
+    for (uint32_t sweep = 0; sweep < 4000; ++sweep) {
+        pci_skin_quadratic_sweep(q, s.f.weights, g0, sweep % 2 == 1, w);
+    }
+    size_t free_slots = 0;
+    for (size_t v = 0; v < p->vertex_count; ++v) {
+        double g[PCI_SKIN_SLOTS_MAX], lowest = INFINITY;
+        for (size_t k = 0; k < slots; ++k) {
+            g[k] = g0[v * slots + k];
+            for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
+                for (size_t l = q->columns[e] * slots; l < (q->columns[e] + 1) * slots; ++l) {
+                    g[k] += q->values[e] * (w[l] - s.f.weights[l]) *
+                            s.a.gram[p->proxy_count * p->bones[v * slots + k] + p->bones[l]];
+                }
+            }
+            lowest = g[k] < lowest ? g[k] : lowest;
+        }
+        for (size_t k = 0; k < slots; ++k) {
+            free_slots += w[v * slots + k] > 1e-6;
+            assert_true(w[v * slots + k] < 1e-6 || g[k] - lowest < 1e-4 * scale);
+        }
+    }
+    assert_true(free_slots > p->vertex_count);
+    free(g0);
+    free(w);
+    close_solver(&s);
+}
+
+// ---- alternation --------------------------------------------------------------------------------
+
+static double loss_of(const fixture *f, const double *weights) {
+    pci_skin_measures measures;
+    double sum = 0.0;
+    assert_ok(f->context, pci_skin_measure(f->context, &f->problem, pci_skin_kernel_double(),
+                                           weights, &measures, NULL));
+    for (size_t x = 0; x < 3; ++x) {
+        sum += lambda_all[x] * measures.losses[x] /
+               (f->problem.norms[x] * (double)f->problem.frame_count);
+    }
+    return sum;
+}
+
+// The loss of 200 epochs of AdamW on all frames in 8 rounds, that of batches of 16 in 64.
+static void reaches_the_loss_of_adamw(void **state) {
+    (void)state;
+    for (size_t i = 0; i < 2; ++i) {
+        solver s;
+        open_solver(moving_names[i], 48, 1, 0.0, &s);
+        const fixture *f = &s.f;
+        double *adamw = calloc(f->count, sizeof(double)), *ours = calloc(f->count, sizeof(double));
+        double *surrogate = calloc(f->count, sizeof(double));
+        for (uint32_t batch = 48; batch > 0; batch = batch > 16 ? 16 : 0) {
+            const uint32_t rounds = batch == 48 ? 8 : 64;
+            memcpy(surrogate, f->surrogate, f->count * sizeof(double));
+            const pci_skin_descent settings = {
+                .lambda = {lambda_all[0], lambda_all[1], lambda_all[2]},
+                .epochs = 200,
+                .batch = batch,
+                .learning_rate = 1e-3,
+                .weight_decay = 0.01,
+                .epsilon = 1e-8 / (double)f->problem.vertex_count,
+                .seed = 1};
+            assert_ok(f->context, pci_skin_descend(f->context, &f->problem, pci_skin_kernel_float(),
+                                                   &settings, surrogate));
+            for (size_t v = 0; v < f->problem.vertex_count; ++v) {
+                const size_t row = v * f->problem.slots;
+                pci_skin_normalize(&surrogate[row], f->problem.slots, &adamw[row]);
+            }
+            memcpy(ours, f->weights, f->count * sizeof(double));
+            assert_ok(f->context, pci_skin_alternation_run(&s.a, rounds, 0.0, 0.0, 1.0, ours));
+            const double theirs = loss_of(f, adamw), mine = loss_of(f, ours);
+            if (!(mine <= theirs)) {
+                fail_msg("%s, %u rounds: %g, AdamW %g", f->name, rounds, mine, theirs);
+            }
+        }
+        free(adamw);
+        free(ours);
+        free(surrogate);
+        close_solver(&s);
+    }
+}
+
+// Where it stops nothing can be gained: no weight can move along the simplex and lower the loss
+// with its rotations, L_f included.
+static void stops_at_a_stationary_point(void **state) {
+    (void)state;
+    solver s;
+    open_solver("tiny", 24, 1, 0.5, &s);
+    const fixture *f = &s.f;
+    const pci_skin_problem *p = &f->problem;
+    double *w = calloc(f->count, sizeof(double)), *g = calloc(f->count, sizeof(double));
+    memcpy(w, f->weights, f->count * sizeof(double));
+    assert_ok(f->context, pci_skin_alternation_run(&s.a, 1500, 0.0, 0.0, 1.0, w));
+    double scale[3], before = 0.0, after = 0.0;
+    for (size_t x = 0; x < 3; ++x) {
+        scale[x] = lambda_all[x] / (p->norms[x] * (double)p->frame_count);
+    }
+    for (size_t pass = 0; pass < 2; ++pass) {
+        const double *weights = pass == 0 ? f->weights : w;
+        assert_ok(f->context,
+                  pci_skin_gradient(f->context, p, pci_skin_kernel_double(), weights, scale, g));
+        for (size_t v = 0; v < p->vertex_count; ++v) {
+            const uint32_t *corners = &f->proxy.triangles[3 * (size_t)s.closest[v].triangle];
+            double lowest = INFINITY, gap = 0.0;
+            for (size_t k = v * p->slots; k < (v + 1) * p->slots; ++k) {
+                // dL_f / dw, frame by frame.
+                for (size_t t = 0; t < 3 * p->frame_count; ++t) {
+                    const double *frame = &p->frames[3 * p->proxy_count * (t / 3)];
+                    const size_t c = t % 3;
+                    double error = 0.0;
+                    for (size_t l = v * p->slots; l < (v + 1) * p->slots; ++l) {
+                        const size_t at = 3 * (size_t)p->bones[l] + c;
+                        error += weights[l] * (frame[at] - p->proxy_rest[at]);
+                    }
+                    for (size_t l = 0; l < 3; ++l) {
+                        const size_t at = 3 * (size_t)corners[l] + c;
+                        error -= s.closest[v].barycentric[l] * (frame[at] - p->proxy_rest[at]);
+                    }
+                    const size_t at = 3 * (size_t)p->bones[k] + c;
+                    g[k] += 2.0 * s.a.follow[v] * error * (frame[at] - p->proxy_rest[at]);
+                }
+                lowest = g[k] < lowest ? g[k] : lowest;
+            }
+            for (size_t k = v * p->slots; k < (v + 1) * p->slots; ++k) {
+                gap += weights[k] * (g[k] - lowest); // what the row could gain, to first order
+            }
+            *(pass == 0 ? &before : &after) += gap;
+        }
+    }
+    assert_true(after < 1e-3 * before);
+    free(w);
+    free(g);
+    close_solver(&s);
+}
+
+// Slots go one by one to those that cost least, and the weights adapt: far better than cutting.
+static void pruning_beats_cutting(void **state) {
+    (void)state;
+    solver s;
+    open_solver("dress796", 32, 1, 0.0, &s);
+    const fixture *f = &s.f;
+    const size_t slots = f->problem.slots;
+    double *w = calloc(f->count, sizeof(double)), *cut = calloc(f->count, sizeof(double));
+    memcpy(w, f->weights, f->count * sizeof(double));
+    assert_ok(f->context, pci_skin_alternation_run(&s.a, 24, 0.0, 0.0, 1.0, w));
+    const double full = loss_of(f, w);
+    for (size_t v = 0; v < f->problem.vertex_count; ++v) {
+        double sum = 0.0;
+        for (size_t k = 0; k < slots; ++k) {
+            size_t heavier = 0;
+            for (size_t l = 0; l < slots; ++l) {
+                heavier += w[v * slots + l] > w[v * slots + k];
+            }
+            cut[v * slots + k] = heavier < 4 ? w[v * slots + k] : 0.0;
+            sum += cut[v * slots + k];
+        }
+        for (size_t k = 0; k < slots; ++k) {
+            cut[v * slots + k] /= sum;
+        }
+    }
+    pci_skin_measures measures;
+    pci_skin_alternation_prune(&s.a, 4, w, &measures);
+    const double pruned = loss_of(f, w);
+    assert_ok(f->context, pci_skin_alternation_run(&s.a, 24, 0.0, 0.0, 1.0, w));
+    for (size_t v = 0; v < f->problem.vertex_count; ++v) {
+        size_t used = 0;
+        for (size_t k = 0; k < slots; ++k) {
+            used += w[v * slots + k] > 0.0;
+        }
+        assert_in_range(used, 1, 4);
+    }
+    const double adapted = loss_of(f, w), by_weight = loss_of(f, cut);
+    assert_true(pruned < by_weight);
+    assert_true(adapted < pruned);
+    assert_true(adapted - full < 0.5 * (by_weight - full));
+    // What was measured on the way is the loss before.
+    double measured = 0.0;
+    for (size_t x = 0; x < 3; ++x) {
+        measured += lambda_all[x] * measures.losses[x] / (f->problem.norms[x] * 32.0);
+    }
+    assert_close(measured, full, 1e-12 * full);
+    free(w);
+    free(cut);
+    close_solver(&s);
+}
+
+// ---- the stage ----------------------------------------------------------------------------------
+
+// Motion on a wind that was not seen, over that of closest-triangle weights. What hangs on held
+// vertices must stay there.
+static double motion_ratio(const fixture *f, double lambda_follow) {
+    pc_motion train = {0}, unseen = {0};
+    make_motion(f->context, &f->proxy, 60, 1, &train);
+    make_motion(f->context, &f->proxy, 60, 2, &unseen);
+    pc_skin skin = {0}, closest = {0};
+    pc_skin_options options;
+    pc_record_set_defaults(&pc_skin_options_record, &options);
+    options.lambda_follow = lambda_follow;
+    assert_ok(f->context,
+              pc_skin_optimize(f->context, &f->visual, &f->proxy, &train, &options, &skin, NULL));
+    assert_ok(f->context, pc_skin_closest_triangle(f->context, &f->visual, &f->proxy, &closest));
+    const size_t nv = f->visual.vertex_count;
+    double *ours = calloc(3 * nv, sizeof(double)), *theirs = calloc(3 * nv, sizeof(double));
+    double moved = 0.0, expected_motion = 0.0;
+    size_t held = 0;
+    for (size_t t = 0; t < unseen.frame_count; ++t) {
+        const double *frame = &unseen.positions[3 * f->proxy.vertex_count * t];
+        pc_skin_deform(&skin, f->visual.positions, f->proxy.positions, frame, ours);
+        pc_skin_deform(&closest, f->visual.positions, f->proxy.positions, frame, theirs);
+        for (size_t v = 0; v < nv; ++v) {
+            const double *rest = &f->visual.positions[3 * v];
+            const double distance = sqrt(pci_squared_distance(&ours[3 * v], rest));
+            moved += distance;
+            expected_motion += sqrt(pci_squared_distance(&theirs[3 * v], rest));
+            bool pinned = true;
+            for (size_t k = 3 * v; k < 3 * v + 3; ++k) {
+                pinned = pinned && unseen.pinned[closest.bones[k]];
+            }
+            held += pinned;
+            assert_true(!pinned || distance == 0.0);
+        }
+    }
+    assert_true(held > 0);
+    free(ours);
+    free(theirs);
+    pc_skin_free(f->context, &skin);
+    pc_skin_free(f->context, &closest);
+    pc_motion_free(f->context, &train);
+    pc_motion_free(f->context, &unseen);
+    return moved / expected_motion;
+}
+
+static void follows_the_proxy(void **state) {
+    (void)state;
+    for (size_t i = 0; i < 2; ++i) {
+        fixture f;
+        load_fixture(moving_names[i], 1, &f);
+        const double without = motion_ratio(&f, 0.0), with = motion_ratio(&f, 1.0);
+        assert_true(with < 1.02 && without < with);
+        assert_true(with > (i == 0 ? 0.97 : 0.94));
+        assert_true(motion_ratio(&f, 10.0) > 0.97);
+        free_fixture(&f);
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(programs_meet_the_optimality_conditions),
+        cmocka_unit_test(the_cheapest_slot_goes),
+        cmocka_unit_test(the_matrix_is_that_of_the_losses),
+        cmocka_unit_test(groups_of_one_colour_share_nothing),
+        cmocka_unit_test(sweeps_reach_the_minimum),
+        cmocka_unit_test(reaches_the_loss_of_adamw),
+        cmocka_unit_test(stops_at_a_stationary_point),
+        cmocka_unit_test(pruning_beats_cutting),
+        cmocka_unit_test(follows_the_proxy),
+    };
+    return cmocka_run_group_tests_name("skin_solver", tests, NULL, NULL);
+}

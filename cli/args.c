@@ -105,6 +105,9 @@ static int unknown_option(const cli_command *command, const char *name, const ch
     if ((command->accepts & CLI_NAME) != 0) {
         cli_guess_add(&guess, "name");
     }
+    if ((command->accepts & CLI_WRITE_LP) != 0) {
+        cli_guess_add(&guess, "write-lp");
+    }
     if (guess.best[0] != '\0') {
         return cli_fail(command->name, CLI_USAGE, "no option --%s%s; did you mean --%s%s?", no,
                         name, no, guess.best);
@@ -165,7 +168,8 @@ static int match_text(const cli_command *command, cli_arguments *arguments, flag
                         (command->accepts & (CLI_OUTPUT_FILE | CLI_OUTPUT_FOLDER)) != 0;
     const bool name = strcmp(flag->name, "name") == 0 && (command->accepts & CLI_NAME) != 0;
     const bool mesh = strcmp(flag->name, "mesh") == 0 && (command->accepts & CLI_MESH) != 0;
-    if ((!output && !name && !mesh) || flag->negated) {
+    const bool lp = strcmp(flag->name, "write-lp") == 0 && (command->accepts & CLI_WRITE_LP) != 0;
+    if ((!output && !name && !mesh && !lp) || flag->negated) {
         return CLI_OK;
     }
     flag->known = true;
@@ -177,6 +181,8 @@ static int match_text(const cli_command *command, cli_arguments *arguments, flag
         arguments->output = text;
     } else if (name) {
         arguments->name = text;
+    } else if (lp) {
+        arguments->lp = text;
     } else {
         arguments->patterns[arguments->pattern_count++] = text;
     }

@@ -39,7 +39,8 @@ typedef enum cli_accepts {
     CLI_NAME = 1 << 2,          // --name
     CLI_MESH = 1 << 3,          // --mesh, --import-memory, --import-seconds
     CLI_JSON = 1 << 4,          // --json
-    CLI_PNG = 1 << 5            // --png
+    CLI_PNG = 1 << 5,           // --png
+    CLI_WRITE_LP = 1 << 6       // --write-lp
 } cli_accepts;
 
 enum { CLI_MAXIMUM_LEVELS = 16 };
@@ -49,6 +50,7 @@ typedef struct cli_arguments {
     size_t input_count;
     const char *output; // NULL: not given
     const char *name;   // NULL: not given
+    const char *lp;     // NULL: not given
     const char **patterns;
     size_t pattern_count;
     bool help;

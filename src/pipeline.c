@@ -26,7 +26,8 @@ static pc_status run_step(pc_context *context, pc_stage stage, pc_asset *a) {
         return pc_carve(context, surface, &a->projected, &a->labels, a->grid.cell_size, &o->carve,
                         &a->single_layer, &r->carve);
     case PC_STAGE_SIMPLIFY: // single layer -> proxy mesh
-        return pc_simplify(context, &a->single_layer, &o->simplify, &a->proxy, &r->simplify);
+        return pc_simplify(context, &a->visual, &a->single_layer, &o->simplify, &a->proxy,
+                           &r->simplify);
     case PC_STAGE_SIMULATE: // proxy mesh -> simulated frames
         return pc_simulate(context, &a->proxy, &o->simulate, &a->motion, &r->simulate);
     case PC_STAGE_SKIN: // simulated frames -> skinning weights

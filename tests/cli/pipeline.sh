@@ -109,6 +109,17 @@ for list in 24,24 24, ,24 24,x 24,3 24,25,26,27,28,29,30,31,32,33,34,35,36,37,38
 done
 run 2 voxelize outfit.obj -o refused.h5 --vertices 24,60
 
+# A density map: vertex colors of an OBJ, red in the lower half of the skirt.
+awk '/^v / { print $0, ($3 < 0.6 ? 1 : 0), 0, 0; next } { print }' outfit.obj >painted.obj
+run 0 build painted.obj -o painted $quick --density-channel red --no-png --threads 1
+run 0 build painted.obj -o painted3 $quick --density-channel red --no-png --threads 3
+same painted/painted.h5 painted3/painted.h5
+low() { awk '/^v / && $3 < 0.6 { ++n } END { print n + 0 }' "$1"; }
+run 0 build painted.obj -o even $quick --no-png
+[ "$(low painted/painted.proxy.obj)" -gt "$(low even/painted.proxy.obj)" ] || fail "density map"
+run 0 simplify stages.h5 --density-channel red -o ignored.h5
+grep -q 'density channel was ignored' stderr || fail "no warning without vertex colors"
+
 # An earlier stage drops the results of later ones; the visual mesh can be taken from an asset.
 run 0 simplify skinned.h5 -o earlier.h5 --vertices 60
 run 0 info earlier.h5
@@ -123,6 +134,19 @@ run 0 info a/b/out/outfit.glb
 grep -q ' bones' stdout || fail "no skin in the GLB"
 run 0 evaluate outfit.obj a/b/out/outfit.proxy.obj
 run 0 evaluate skinned.h5 skinned.h5
+
+# Weights in another wind: the asset's, the same out of its GLB, and those without optimisation; the
+# same on any number of threads.
+run 0 evaluate --motion skinned.h5 a/b/out/outfit.glb --threads 1
+[ "$(grep -Ec '^(asset|outfit.glb|inverse|closest|heat)' stdout)" -eq 5 ] || fail "rows of --motion"
+asset=$(sed -n 's/^asset *//p' stdout)
+[ "$asset" = "$(sed -n 's/^outfit.glb *//p' stdout)" ] || fail "the GLB has other weights"
+run 0 evaluate --motion skinned.h5 --json --threads 1
+cp stdout motion.json
+run 0 evaluate --motion skinned.h5 --json --threads 3
+same stdout motion.json
+run 0 evaluate --motion skinned.h5 --wind-seed 1
+grep -q 'made in the wind of seed 1' stderr || fail "no warning about a wind that was seen"
 
 # --mesh takes the named part only.
 run 0 voxelize outfit.obj -o auto.h5 --voxels auto

@@ -42,7 +42,8 @@ typedef enum cli_accepts {
     CLI_JSON = 1 << 4,          // --json
     CLI_PNG = 1 << 5,           // --png
     CLI_MOTION = 1 << 6,        // --motion and its options
-    CLI_WRITE_LP = 1 << 7       // --write-lp
+    CLI_SCENARIO = 1 << 7,      // --scenario
+    CLI_WRITE_LP = 1 << 8       // --write-lp
 } cli_accepts;
 
 enum { CLI_MAXIMUM_LEVELS = 16 };
@@ -50,9 +51,10 @@ enum { CLI_MAXIMUM_LEVELS = 16 };
 typedef struct cli_arguments {
     const char *inputs[2];
     size_t input_count;
-    const char *output; // NULL: not given
-    const char *name;   // NULL: not given
-    const char *lp;     // NULL: not given
+    const char *output;   // NULL: not given
+    const char *name;     // NULL: not given
+    const char *scenario; // file; its options are in `options`, flags override them
+    const char *lp;       // NULL: not given
     const char **patterns;
     size_t pattern_count;
     bool help;
@@ -158,6 +160,10 @@ int cli_name_level(const cli_command *command, const char *base, uint32_t vertic
 // Loads an asset file.
 int cli_load_asset(const cli_command *command, pc_context *context, const char *path,
                    pc_asset *asset);
+
+// Reads the scenario of --scenario, or leaves the paper's, in place of what the asset has.
+int cli_load_scenario(const cli_command *command, const cli_arguments *arguments,
+                      pc_context *context, pc_asset *asset);
 
 // ---- output -------------------------------------------------------------------------------------
 

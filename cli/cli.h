@@ -42,7 +42,8 @@ typedef enum cli_accepts {
     CLI_MESH = 1 << 3,          // --mesh, --import-memory, --import-seconds
     CLI_JSON = 1 << 4,          // --json
     CLI_PNG = 1 << 5,           // --png, --strip
-    CLI_MOTION = 1 << 6         // --motion and its options
+    CLI_MOTION = 1 << 6,        // --motion and its options
+    CLI_SCENARIO = 1 << 7       // --scenario
 } cli_accepts;
 
 enum { CLI_MAXIMUM_LEVELS = 16 };
@@ -50,8 +51,9 @@ enum { CLI_MAXIMUM_LEVELS = 16 };
 typedef struct cli_arguments {
     const char *inputs[2];
     size_t input_count;
-    const char *output; // NULL: not given
-    const char *name;   // NULL: not given
+    const char *output;   // NULL: not given
+    const char *name;     // NULL: not given
+    const char *scenario; // file; its options are in `options`, flags override them
     const char **patterns;
     size_t pattern_count;
     bool help;
@@ -157,6 +159,10 @@ int cli_name_level(const cli_command *command, const char *base, uint32_t vertic
 // Loads an asset file.
 int cli_load_asset(const cli_command *command, pc_context *context, const char *path,
                    pc_asset *asset);
+
+// Reads the scenario of --scenario, or leaves the paper's, in place of what the asset has.
+int cli_load_scenario(const cli_command *command, const cli_arguments *arguments,
+                      pc_context *context, pc_asset *asset);
 
 // ---- output -------------------------------------------------------------------------------------
 

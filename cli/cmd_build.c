@@ -163,8 +163,15 @@ static int build(garment *g, const scene_data *scene, const uint8_t *chosen, pc_
     if (code != CLI_OK) {
         return code;
     }
+    code = cli_load_scenario(g->command, g->arguments, g->context, asset);
+    if (code != CLI_OK) {
+        return code;
+    }
     pc_status status =
         scene_visual(scene, chosen, g->context, &asset->visual, &asset->reports.visual);
+    if (status == PC_OK) {
+        status = scene_character(scene, chosen, g->context, &asset->character);
+    }
     for (pc_stage stage = 0; stage < PC_STAGE_SIMPLIFY && status == PC_OK; ++stage) {
         status = pc_run_stage(g->context, stage, &g->arguments->options, asset, &g->timings);
     }

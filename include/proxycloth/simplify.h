@@ -14,6 +14,13 @@
 ///   vertices stay on the border and its corners, then the faces are fitted to the single layer
 ///   with weight on the largest distances.
 ///
+/// Density map: an artist may paint where the proxy needs more vertices into a channel of the
+/// visual mesh's vertex colors. Value c at the nearest point of the visual mesh makes wanted edges
+/// density_range^c times shorter than where it is 0; only differences count, because the number of
+/// vertices stays. Wanted lengths grow by at most 0.3 per unit of way, so that sizes pass smoothly
+/// into each other, and what narrow parts need is a lower limit. Alpha suits well: engines ignore
+/// it on opaque materials.
+///
 /// Input that is not manifold is repaired first. Postconditions: manifold with boundary,
 /// consistently oriented, three different vertices per triangle, no unused vertex. `shortfall` says
 /// why the count is not N_p where topology does not allow it.
@@ -34,9 +41,20 @@ typedef enum pc_simplify_shortfall {
     PC_SHORTFALL_BUDGET = 2    ///< parts were dropped that N_p vertices cannot represent
 } pc_simplify_shortfall;
 
+/// Where the density map is read from.
+typedef enum pc_density_channel {
+    PC_DENSITY_NONE = 0,
+    PC_DENSITY_RED,
+    PC_DENSITY_GREEN,
+    PC_DENSITY_BLUE,
+    PC_DENSITY_ALPHA
+} pc_density_channel;
+
 typedef struct pc_simplify_options {
     uint32_t vertices;              ///< N_p
     double narrow_refinement;       ///< longest over shortest edges; 1 is the paper's uniform mesh
+    uint32_t density_channel;       ///< pc_density_channel
+    double density_range;           ///< longest over shortest edges by the density map
     uint32_t clustering_iterations; ///< passes of boundary exchanges
     uint32_t seed;                  ///< picks the vertex of the first cluster
 } pc_simplify_options;
@@ -50,6 +68,7 @@ typedef struct pc_simplify_report {
     uint64_t split_vertices;
     uint64_t dropped_parts;    ///< parts too small for N_p
     uint64_t surplus_vertices; ///< that narrow parts needed on top of one per cluster
+    bool density_ignored;      ///< the visual mesh has no vertex colors
     uint64_t iterations;
     uint32_t shortfall; ///< pc_simplify_shortfall
 } pc_simplify_report;
@@ -57,13 +76,14 @@ typedef struct pc_simplify_report {
 extern const pc_record pc_simplify_options_record;
 extern const pc_record pc_simplify_report_record;
 
+/// @param[in]  visual        its vertex colors may hold a density map; NULL: none.
 /// @param[in]  single_layer  any triangle mesh, as a rule manifold with boundary.
 /// @param[out] proxy         zeroed on entry.
 /// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_OPTIONS; PC_ERROR_TOO_LARGE;
 ///         PC_ERROR_NO_PROXY (no triangle, or no area); PC_ERROR_OUT_OF_MEMORY; PC_ERROR_CANCELLED.
-PC_NODISCARD pc_status pc_simplify(pc_context *context, const pc_mesh *single_layer,
-                                   const pc_simplify_options *options, pc_mesh *proxy,
-                                   pc_simplify_report *report);
+PC_NODISCARD pc_status pc_simplify(pc_context *context, const pc_visual *visual,
+                                   const pc_mesh *single_layer, const pc_simplify_options *options,
+                                   pc_mesh *proxy, pc_simplify_report *report);
 
 #ifdef __cplusplus
 }

@@ -1,8 +1,11 @@
 // Crossing test after Moeller, "A fast triangle-triangle intersection test" (1997), in double and
-// relative to the pair's own origin; pairs come from a sweep along the longest axis.
+// relative to the pair's own origin; pairs come from sweeps along the longest axis, one in each
+// strip of the mesh.
 #include "core/crossing.h"
 
 #include <stdlib.h>
+
+#include "core/topology.h"
 
 #define RELATIVE_ZERO 1e-12
 
@@ -85,12 +88,21 @@ bool pci_triangles_cross(const double a[9], unsigned shared_a, const double b[9]
 typedef struct box {
     double minimum[3], maximum[3];
     uint32_t triangle;
+    uint32_t strip; // one of those that the triangle touches
 } box;
+
+// Slices of equal width across the second axis.
+typedef struct strips {
+    size_t axis;
+    double origin, width;
+} strips;
 
 typedef struct sweep {
     const pc_mesh *mesh;
-    const box *boxes; // ascending along `axis`
+    const box *boxes; // a triangle once per strip; ascending by strip, then along `axis`
+    size_t box_count;
     size_t axis;
+    strips strips;
     uint64_t *counts; // per piece
     size_t grain;
     uint32_t *pairs; // 2 per crossing, piece after piece; NULL: only count
@@ -115,21 +127,32 @@ static bool pair_crosses(const pc_mesh *mesh, uint32_t first, uint32_t second) {
     return shared < 2 && pci_triangles_cross(a, shared_a, b, shared_b);
 }
 
+static uint32_t strip_at(const strips *s, double position) {
+    return (uint32_t)((position - s->origin) / s->width);
+}
+
+// Whether two boxes of one strip overlap, and no earlier strip has both.
+static bool boxes_meet(const sweep *s, const box *a, const box *b) {
+    const size_t y = s->strips.axis, z = 3 - s->axis - y;
+    return a->minimum[y] <= b->maximum[y] && b->minimum[y] <= a->maximum[y] &&
+           a->minimum[z] <= b->maximum[z] && b->minimum[z] <= a->maximum[z] &&
+           strip_at(&s->strips, fmax(a->minimum[y], b->minimum[y])) == a->strip;
+}
+
 static void sweep_boxes(void *user, size_t begin, size_t end, uint32_t worker) {
     sweep *s = user;
     (void)worker;
-    const size_t x = s->axis, y = (x + 1) % 3, z = (x + 2) % 3;
+    const size_t x = s->axis;
     uint64_t count = 0;
     // With pairs to write, counts hold where the piece begins.
     uint32_t *pair = s->pairs != NULL ? &s->pairs[2 * s->counts[begin / s->grain]] : NULL;
     for (size_t i = begin; i < end; ++i) {
         const box *a = &s->boxes[i];
-        for (size_t j = i + 1;
-             j < s->mesh->triangle_count && s->boxes[j].minimum[x] <= a->maximum[x]; ++j) {
+        for (size_t j = i + 1; j < s->box_count && s->boxes[j].strip == a->strip &&
+                               s->boxes[j].minimum[x] <= a->maximum[x];
+             ++j) {
             const box *b = &s->boxes[j];
-            if (a->minimum[y] <= b->maximum[y] && b->minimum[y] <= a->maximum[y] &&
-                a->minimum[z] <= b->maximum[z] && b->minimum[z] <= a->maximum[z] &&
-                pair_crosses(s->mesh, a->triangle, b->triangle)) {
+            if (boxes_meet(s, a, b) && pair_crosses(s->mesh, a->triangle, b->triangle)) {
                 ++count;
                 if (pair != NULL) {
                     *pair++ = a->triangle;
@@ -147,48 +170,96 @@ static void sweep_boxes(void *user, size_t begin, size_t end, uint32_t worker) {
     static int name(const void *a, const void *b) {                                                \
         const box *p = a, *q = b;                                                                  \
         const double x = p->minimum[axis], y = q->minimum[axis];                                   \
+        if (p->strip != q->strip) {                                                                \
+            return p->strip < q->strip ? -1 : 1;                                                   \
+        }                                                                                          \
         return x < y || (x == y && p->triangle < q->triangle) ? -1 : 1;                            \
     }
 COMPARE_BOXES(compare_x, 0)
 COMPARE_BOXES(compare_y, 1)
 COMPARE_BOXES(compare_z, 2)
 
-bool pci_list_self_intersections(pci_scratch *scratch, const pc_mesh *mesh, uint32_t **pairs,
-                                 size_t *count) {
-    static int (*const compare[3])(const void *, const void *) = {compare_x, compare_y, compare_z};
-    const size_t grain = 128, pieces = (mesh->triangle_count + grain - 1) / grain;
-    box *boxes = PCI_SCRATCH(scratch, box, mesh->triangle_count);
-    uint64_t *counts = PCI_SCRATCH(scratch, uint64_t, pieces);
-    if (scratch->failed) {
-        return false;
+static box triangle_box(const pc_mesh *mesh, size_t t) {
+    box result = {.triangle = (uint32_t)t};
+    for (size_t k = 0; k < 3; ++k) {
+        const double x = mesh->positions[3 * (size_t)mesh->triangles[3 * t] + k];
+        const double y = mesh->positions[3 * (size_t)mesh->triangles[3 * t + 1] + k];
+        const double z = mesh->positions[3 * (size_t)mesh->triangles[3 * t + 2] + k];
+        result.minimum[k] = fmin(fmin(x, y), z);
+        result.maximum[k] = fmax(fmax(x, y), z);
     }
-    double minimum[3] = {INFINITY, INFINITY, INFINITY};
-    double maximum[3] = {-INFINITY, -INFINITY, -INFINITY};
-    for (size_t t = 0; t < mesh->triangle_count; ++t) {
-        boxes[t].triangle = (uint32_t)t;
-        for (size_t k = 0; k < 3; ++k) {
-            const double x = mesh->positions[3 * (size_t)mesh->triangles[3 * t] + k];
-            const double y = mesh->positions[3 * (size_t)mesh->triangles[3 * t + 1] + k];
-            const double z = mesh->positions[3 * (size_t)mesh->triangles[3 * t + 2] + k];
-            boxes[t].minimum[k] = fmin(fmin(x, y), z);
-            boxes[t].maximum[k] = fmax(fmax(x, y), z);
-            minimum[k] = fmin(minimum[k], boxes[t].minimum[k]);
-            maximum[k] = fmax(maximum[k], boxes[t].maximum[k]);
+    return result;
+}
+
+// Sorts the triangles into strips twice as wide as a box is on average, so that they are about
+// twice as many at most.
+static bool sort_boxes(pci_scratch *scratch, sweep *s) {
+    static int (*const compare[3])(const void *, const void *) = {compare_x, compare_y, compare_z};
+    const pc_mesh *mesh = s->mesh;
+    double minimum[3], maximum[3], mean[3] = {0.0};
+    pci_bounding_box(mesh, minimum, maximum);
+    size_t axes[3] = {0, 1, 2}; // longest first
+    for (size_t i = 0; i < 3; ++i) {
+        const size_t low = i == 1 ? 1 : 0, high = low + 1;
+        if (maximum[axes[high]] - minimum[axes[high]] > maximum[axes[low]] - minimum[axes[low]]) {
+            const size_t swapped = axes[low];
+            axes[low] = axes[high];
+            axes[high] = swapped;
         }
     }
-    size_t axis = 0;
-    for (size_t k = 1; k < 3; ++k) {
-        axis = maximum[k] - minimum[k] > maximum[axis] - minimum[axis] ? k : axis;
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        const box b = triangle_box(mesh, t);
+        for (size_t k = 0; k < 3; ++k) {
+            mean[k] += (b.maximum[k] - b.minimum[k]) / (double)mesh->triangle_count;
+        }
     }
-    qsort(boxes, mesh->triangle_count, sizeof(*boxes), compare[axis]);
+    const size_t y = axes[1];
+    const double extent = maximum[y] - minimum[y], least = extent / (1 << 20);
+    s->axis = axes[0];
+    s->strips = (strips){y, minimum[y], extent > 0.0 ? fmax(2.0 * mean[y], least) : 1.0};
+    s->box_count = 0;
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        const box b = triangle_box(mesh, t);
+        s->box_count += 1 + strip_at(&s->strips, b.maximum[y]) - strip_at(&s->strips, b.minimum[y]);
+    }
+    box *boxes = PCI_SCRATCH(scratch, box, s->box_count);
+    if (boxes == NULL) {
+        return false;
+    }
+    size_t count = 0;
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        box b = triangle_box(mesh, t);
+        const uint32_t last = strip_at(&s->strips, b.maximum[y]);
+        for (b.strip = strip_at(&s->strips, b.minimum[y]); b.strip <= last; ++b.strip) {
+            boxes[count++] = b;
+        }
+    }
+    qsort(boxes, count, sizeof(*boxes), compare[s->axis]);
+    s->boxes = boxes;
+    return true;
+}
 
-    sweep s = {.mesh = mesh, .boxes = boxes, .axis = axis, .counts = counts, .grain = grain};
-    pci_parallel_for(scratch->context, mesh->triangle_count, grain, sweep_boxes, &s);
+bool pci_list_self_intersections(pci_scratch *scratch, const pc_mesh *mesh, uint32_t **pairs,
+                                 size_t *count) {
+    sweep s = {.mesh = mesh, .grain = 128};
+    *count = 0;
+    if (mesh->triangle_count == 0) {
+        return true;
+    }
+    if (!sort_boxes(scratch, &s)) {
+        return false;
+    }
+    const size_t pieces = (s.box_count + s.grain - 1) / s.grain;
+    s.counts = PCI_SCRATCH(scratch, uint64_t, pieces);
+    if (s.counts == NULL) {
+        return false;
+    }
+    pci_parallel_for(scratch->context, s.box_count, s.grain, sweep_boxes, &s);
     uint64_t total = 0;
     for (size_t i = 0; i < pieces; ++i) {
         const uint64_t before = total;
-        total += counts[i];
-        counts[i] = before;
+        total += s.counts[i];
+        s.counts[i] = before;
     }
     *count = (size_t)total;
     if (pairs != NULL) {
@@ -196,8 +267,7 @@ bool pci_list_self_intersections(pci_scratch *scratch, const pc_mesh *mesh, uint
         if (s.pairs == NULL) {
             return false;
         }
-        pci_parallel_for(scratch->context, total > 0 ? mesh->triangle_count : 0, grain, sweep_boxes,
-                         &s);
+        pci_parallel_for(scratch->context, total > 0 ? s.box_count : 0, s.grain, sweep_boxes, &s);
     }
     return true;
 }

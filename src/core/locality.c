@@ -14,8 +14,8 @@ static uint64_t spread_bits(uint64_t x) {
     return (x | x << 2) & 0x9249249u;
 }
 
-// Sorts vertices; number[old] = new.
-static void sort_vertices(const pc_mesh *mesh, uint64_t *keys, uint32_t *number,
+// Sorts vertices: order[new] = old, number[old] = new.
+static void sort_vertices(const pc_mesh *mesh, uint64_t *keys, uint32_t *order, uint32_t *number,
                           double *positions) {
     double low[3], high[3], extent = 0.0;
     pci_bounding_box(mesh, low, high);
@@ -35,15 +35,17 @@ static void sort_vertices(const pc_mesh *mesh, uint64_t *keys, uint32_t *number,
     qsort(keys, mesh->vertex_count, sizeof(*keys), pci_compare_u64);
     for (size_t i = 0; i < mesh->vertex_count; ++i) {
         const uint32_t v = (uint32_t)keys[i];
+        order[i] = v;
         number[v] = (uint32_t)i;
         memcpy(&positions[3 * i], &mesh->positions[3 * (size_t)v], 3 * sizeof(*positions));
     }
 }
 
-bool pci_sort_mesh(pci_scratch *scratch, const pc_mesh *mesh, pc_mesh *result) {
+bool pci_sort_mesh(pci_scratch *scratch, const pc_mesh *mesh, pc_mesh *result, uint32_t **order) {
     const size_t nv = mesh->vertex_count, nf = mesh->triangle_count;
     uint64_t *keys = PCI_SCRATCH(scratch, uint64_t, nv > nf ? nv : nf);
     uint32_t *number = PCI_SCRATCH(scratch, uint32_t, nv);
+    *order = PCI_SCRATCH(scratch, uint32_t, nv);
     result->vertex_count = nv;
     result->triangle_count = nf;
     result->positions = PCI_SCRATCH(scratch, double, 3 * nv);
@@ -51,7 +53,7 @@ bool pci_sort_mesh(pci_scratch *scratch, const pc_mesh *mesh, pc_mesh *result) {
     if (scratch->failed) {
         return false;
     }
-    sort_vertices(mesh, keys, number, result->positions);
+    sort_vertices(mesh, keys, *order, number, result->positions);
     for (size_t t = 0; t < nf; ++t) {
         keys[t] = (uint64_t)number[mesh->triangles[3 * t]] << index_bits | t;
     }

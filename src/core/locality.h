@@ -7,7 +7,7 @@
 
 // Renumbers the vertices along a Morton curve through their bounding box, and the triangles by
 // their first vertex. Result and input may not share arrays; `result` has arrays from scratch.
-// False: out of memory.
-bool pci_sort_mesh(pci_scratch *scratch, const pc_mesh *mesh, pc_mesh *result);
+// `order` (#V, from scratch) receives the old index of each new vertex. False: out of memory.
+bool pci_sort_mesh(pci_scratch *scratch, const pc_mesh *mesh, pc_mesh *result, uint32_t **order);
 
 #endif

@@ -4,8 +4,6 @@
 
 #include "core/core.h"
 #include "core/halfedge.h"
-#include "core/heap.h"
-#include "core/locality.h"
 #include "core/manifold.h"
 #include "core/topology.h"
 #include "stages/clustering.h"
@@ -13,18 +11,26 @@
 #include "stages/corners.h"
 #include "stages/fit.h"
 #include "stages/improve.h"
+#include "stages/sampling.h"
 #include "stages/sizing.h"
 #include "stages/untangle.h"
 
 static const char stage[] = "simplify";
 
 static const char *const shortfall_choices[] = {"none", "topology", "budget", NULL};
+static const char *const channel_choices[] = {"none", "red", "green", "blue", "alpha", NULL};
 static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_simplify_options, vertices, UINT, 128, 4, 65536, "",
                      "N_p: vertices of the proxy mesh"),
     PCI_FIELD_OPTION(pc_simplify_options, narrow_refinement, DOUBLE, 1.5, 1.0, 4.0, "",
                      "Edges around narrow or strongly curved parts are up to this factor shorter; "
                      "1: uniform"),
+    PCI_FIELD_CHOICE(
+        pc_simplify_options, density_channel, PC_DENSITY_NONE, PC_DENSITY_ALPHA, channel_choices,
+        "Channel of the visual mesh's vertex colors that tells where edges are shorter"),
+    PCI_FIELD_OPTION(pc_simplify_options, density_range, DOUBLE, 4.0, 1.0, 16.0, "",
+                     "Edges are up to this factor shorter where the density channel is 1 than "
+                     "where it is 0"),
     PCI_FIELD_OPTION(pc_simplify_options, clustering_iterations, UINT, 100, 1, 10000, "",
                      "Passes of boundary exchanges between clusters"),
     PCI_FIELD_OPTION(pc_simplify_options, seed, UINT, 1, 0, 4294967295, "",
@@ -48,6 +54,9 @@ static const pc_field report_fields[] = {
         pc_simplify_report, surplus_vertices, COUNT, "",
         "Vertices that narrow parts needed on top of one per cluster; other edges were "
         "collapsed instead"),
+    PCI_FIELD_WARNING(pc_simplify_report, density_ignored, BOOL,
+                      "Whether a density channel was asked for that the visual mesh lacks",
+                      "the visual mesh has no vertex colors: the density channel was ignored"),
     PCI_FIELD_REPORT(pc_simplify_report, iterations, COUNT, "", "Passes of boundary exchanges"),
     {.name = "shortfall",
      .type = PC_FIELD_CHOICE,
@@ -58,8 +67,6 @@ static const pc_field report_fields[] = {
 };
 const pc_record pc_simplify_report_record = PCI_RECORD(report_fields, pc_simplify_report);
 
-// Fine vertices per cluster: with fewer the centroids are coarse, with more nothing changes.
-static const size_t samples_per_cluster = 16;
 // Passes of sliding and flipping; most meshes rest earlier.
 static const size_t relax_passes = 30;
 // Least quality of the triangles at a corner of the border.
@@ -68,55 +75,6 @@ static const double pinned_quality = 0.5;
 static const double reaches[] = {0.1, 0.2, 0.4};
 // Passes of fitting.
 static const size_t fit_passes = 10;
-
-static double edge_length(const pci_halfedge *mesh, uint32_t h) {
-    return sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)pci_origin(mesh, h)],
-                                     &mesh->positions[3 * (size_t)pci_target(mesh, h)]));
-}
-
-static bool push_edge(pci_scratch *scratch, const pci_halfedge *mesh, uint32_t h, pci_heap *heap) {
-    const uint32_t twin = mesh->twins[h];
-    const uint32_t edge = twin < h ? twin : h;
-    return pci_heap_push(scratch, heap, -edge_length(mesh, edge), edge);
-}
-
-// Splits the longest edge until there are enough vertices.
-static bool refine(pci_scratch *scratch, pci_halfedge *mesh, size_t vertices) {
-    pci_heap longest = {0};
-    const size_t missing = vertices > mesh->live_vertices ? vertices - mesh->live_vertices : 0;
-    if (!pci_halfedge_reserve(mesh, mesh->vertex_count + missing,
-                              mesh->triangle_count + 2 * missing)) {
-        return false;
-    }
-    for (uint32_t h = 0; h < 3 * mesh->triangle_count && mesh->live_vertices < vertices; ++h) {
-        if (pci_is_edge(mesh, h) && !push_edge(scratch, mesh, h, &longest)) {
-            return false;
-        }
-    }
-    pci_heap_entry entry;
-    while (mesh->live_vertices < vertices && pci_heap_pop(&longest, &entry)) {
-        if (!pci_is_edge(mesh, entry.item) || edge_length(mesh, entry.item) != -entry.key) {
-            continue; // changed since
-        }
-        const double *a = &mesh->positions[3 * (size_t)pci_origin(mesh, entry.item)];
-        const double *b = &mesh->positions[3 * (size_t)pci_target(mesh, entry.item)];
-        const double middle[3] = {0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])};
-        const uint32_t v = pci_split_edge(mesh, entry.item, middle);
-        if (v == PC_INVALID_INDEX) {
-            return false;
-        }
-        // Every triangle at the new vertex was rewritten.
-        PCI_FOR_OUTGOING(mesh, v, h) {
-            const bool last = mesh->twins[pci_previous(h)] == PC_INVALID_INDEX;
-            if (!push_edge(scratch, mesh, h, &longest) ||
-                !push_edge(scratch, mesh, pci_next(h), &longest) ||
-                (last && !push_edge(scratch, mesh, pci_previous(h), &longest))) {
-                return false;
-            }
-        }
-    }
-    return true;
-}
 
 // ---- steps ------------------------------------------------------------------------------------
 
@@ -181,104 +139,32 @@ static bool drop_unaffordable(pci_scratch *scratch, pc_mesh *layer, size_t verti
     return true;
 }
 
-// The fine mesh and what belongs to its vertices.
-typedef struct sampling {
-    pci_halfedge mesh;
-    double *normals; // #V by 3, unit
-    double *areas;   // #V, shares of the surface
-    double *arcs;    // #V, shares of the border
-    double *scales;  // #V, how many times shorter edges should be
-    double *weights; // #V, areas times density
-    double total;    // area
-    double spacing;  // edge length of uniform clusters
-} sampling;
-
-// Enough vertices for the clusters, neighbours next to each other in memory.
-static bool sample(pci_scratch *scratch, const pc_mesh *layer, size_t vertices,
-                   pci_halfedge *mesh) {
-    pci_scratch inner = pci_scratch_begin(scratch->context);
-    pci_halfedge refined;
-    pc_mesh sorted = {0};
-    bool done = pci_halfedge_build(&inner, layer, &refined) &&
-                refine(&inner, &refined, samples_per_cluster * vertices);
-    if (done) {
-        const pc_mesh unsorted = {refined.vertex_count, refined.positions, refined.triangle_count,
-                                  refined.corners};
-        done =
-            pci_sort_mesh(&inner, &unsorted, &sorted) && pci_halfedge_build(scratch, &sorted, mesh);
-    }
-    pci_scratch_end(&inner);
-    return done;
-}
-
-static bool begin_sampling(pci_scratch *scratch, const pc_mesh *layer, size_t vertices,
-                           sampling *s) {
-    if (!sample(scratch, layer, vertices, &s->mesh)) {
-        return false;
-    }
-    const size_t nv = s->mesh.vertex_count;
-    s->normals = PCI_SCRATCH(scratch, double, 3 * nv);
-    s->areas = PCI_SCRATCH(scratch, double, nv);
-    s->arcs = PCI_SCRATCH(scratch, double, nv);
-    s->scales = PCI_SCRATCH(scratch, double, nv);
-    s->weights = PCI_SCRATCH(scratch, double, nv);
-    if (scratch->failed) {
-        return false;
-    }
-    const pc_mesh mesh = {nv, s->mesh.positions, s->mesh.triangle_count, s->mesh.corners};
-    pci_vertex_normals(&mesh, s->normals);
-    s->total = 0.0;
-    for (size_t t = 0; t < mesh.triangle_count; ++t) {
-        const double area = pci_triangle_area(&mesh, t);
-        s->total += area;
-        for (size_t c = 0; c < 3; ++c) {
-            s->areas[mesh.triangles[3 * t + c]] += area / 3.0;
-        }
-    }
-    for (uint32_t h = 0; h < 3 * mesh.triangle_count; ++h) {
-        if (s->mesh.twins[h] == PC_INVALID_INDEX) {
-            const double length = edge_length(&s->mesh, h);
-            s->arcs[pci_origin(&s->mesh, h)] += 0.5 * length;
-            s->arcs[pci_target(&s->mesh, h)] += 0.5 * length;
-        }
-    }
-    for (size_t v = 0; v < nv; ++v) {
-        // Degenerate triangles must not leave a vertex without weight.
-        s->areas[v] = fmax(s->areas[v], 1e-9 * s->total / (double)nv);
-        s->weights[v] = s->areas[v];
-        s->scales[v] = 1.0;
-    }
-    s->spacing = sqrt(2.0 / sqrt(3.0) * s->total / (double)vertices);
-    return true;
-}
-
-// Clusters uniformly, then again with smaller clusters where the first ones are too wide.
-static bool cluster_samples(pci_scratch *scratch, sampling *s, const pc_simplify_options *options,
-                            uint32_t *cluster, uint64_t *iterations) {
-    const size_t nv = s->mesh.vertex_count;
-    const uint32_t first = (uint32_t)(pci_random(options->seed, 0, 0) * (double)nv);
+// Clusters uniformly, then again with smaller clusters where the first ones are too wide or the
+// density map asks for them.
+static bool cluster_samples(pci_scratch *scratch, pci_sampling *s,
+                            const pc_simplify_options *options, uint32_t *cluster,
+                            uint64_t *iterations) {
+    const uint32_t first =
+        (uint32_t)(pci_random(options->seed, 0, 0) * (double)s->mesh.vertex_count);
     if (!pci_cluster_vertices(scratch->context, &s->mesh, s->weights, s->scales, options->vertices,
                               first, options->clustering_iterations, cluster, iterations)) {
         return false;
     }
-    if (options->narrow_refinement == 1.0) {
+    if (options->narrow_refinement == 1.0 && s->densities == NULL) {
         return true;
     }
     if (!pci_size_clusters(scratch, &s->mesh, s->normals, s->areas, s->arcs, cluster,
                            options->vertices, s->spacing, options->narrow_refinement, s->scales)) {
         return false;
     }
-    for (size_t v = 0; v < nv; ++v) {
-        // The density of a centroidal Voronoi diagram is the fourth power of the inverse size.
-        s->weights[v] = s->areas[v] * pow(s->scales[v], 4.0);
-    }
+    pci_sampling_weigh(s);
     return pci_cluster_vertices(scratch->context, &s->mesh, s->weights, s->scales,
                                 options->vertices, first, options->clustering_iterations, cluster,
                                 iterations);
 }
 
 // Puts the nearest border vertex on each corner of the border, once.
-static bool pin_corners(pci_scratch *scratch, const sampling *s, const uint32_t *nearby,
+static bool pin_corners(pci_scratch *scratch, const pci_sampling *s, const uint32_t *nearby,
                         pci_relaxation *r) {
     uint8_t *corners = PCI_SCRATCH(scratch, uint8_t, s->mesh.vertex_count);
     if (corners == NULL || !pci_find_corners(scratch, &s->mesh, 0.5 * s->spacing, corners)) {
@@ -313,7 +199,7 @@ static bool pin_corners(pci_scratch *scratch, const sampling *s, const uint32_t 
 }
 
 // Evens out the coarse mesh on the fine one, then fits its triangles to it.
-static bool relax_and_fit(pci_scratch *scratch, const sampling *s, pci_halfedge *coarse,
+static bool relax_and_fit(pci_scratch *scratch, const pci_sampling *s, pci_halfedge *coarse,
                           uint32_t *feet, uint32_t *nearby) {
     uint8_t *pinned = PCI_SCRATCH(scratch, uint8_t, coarse->vertex_count);
     if (pinned == NULL) {
@@ -364,13 +250,38 @@ static pc_status measure(pci_scratch *scratch, const pc_mesh *mesh, size_t wante
     return scratch->failed ? pci_fail_memory(scratch->context, stage) : PC_OK;
 }
 
-static pc_status simplify(pci_scratch *scratch, pc_mesh *layer, const pc_simplify_options *options,
-                          pc_mesh *proxy, pc_simplify_report *report) {
+static pc_status begin_sampling(pci_scratch *scratch, const pc_visual *visual, const pc_mesh *layer,
+                                const pc_simplify_options *options, pci_sampling *s,
+                                pc_simplify_report *report) {
+    pci_density density = {0};
+    const bool wanted = options->density_channel != PC_DENSITY_NONE;
+    const bool mapped = wanted && visual != NULL && visual->colors != NULL;
+    report->density_ignored = wanted && !mapped;
+    if (mapped) {
+        const size_t channel = options->density_channel - PC_DENSITY_RED;
+        const pc_status status = pci_density_begin(scratch->context, stage, visual, channel,
+                                                   options->density_range, &density);
+        if (status != PC_OK) {
+            return status;
+        }
+    }
+    const bool done =
+        pci_sampling_begin(scratch, layer, options->vertices, mapped ? &density : NULL, s);
+    pci_density_end(&density);
+    return done ? PC_OK : pci_fail_memory(scratch->context, stage);
+}
+
+static pc_status simplify(pci_scratch *scratch, const pc_visual *visual, pc_mesh *layer,
+                          const pc_simplify_options *options, pc_mesh *proxy,
+                          pc_simplify_report *report) {
     pc_context *context = scratch->context;
-    sampling s = {0};
-    if (!drop_unaffordable(scratch, layer, options->vertices, &report->dropped_parts) ||
-        !begin_sampling(scratch, layer, options->vertices, &s)) {
+    pci_sampling s;
+    if (!drop_unaffordable(scratch, layer, options->vertices, &report->dropped_parts)) {
         return pci_fail_memory(context, stage);
+    }
+    const pc_status status = begin_sampling(scratch, visual, layer, options, &s, report);
+    if (status != PC_OK) {
+        return status;
     }
     if (!(s.total > 0.0)) {
         return pci_fail(context, PC_ERROR_NO_PROXY, stage,
@@ -407,7 +318,7 @@ static pc_status simplify(pci_scratch *scratch, pc_mesh *layer, const pc_simplif
     return measure(scratch, proxy, options->vertices, report);
 }
 
-pc_status pc_simplify(pc_context *context, const pc_mesh *single_layer,
+pc_status pc_simplify(pc_context *context, const pc_visual *visual, const pc_mesh *single_layer,
                       const pc_simplify_options *options, pc_mesh *proxy,
                       pc_simplify_report *report) {
     if (proxy == NULL || proxy->positions != NULL || proxy->triangles != NULL) {
@@ -438,7 +349,7 @@ pc_status pc_simplify(pc_context *context, const pc_mesh *single_layer,
     } else {
         counts.removed_triangles = repairs.removed_triangles;
         counts.split_vertices = repairs.split_vertices;
-        status = simplify(&scratch, &layer, &chosen, &result, &counts);
+        status = simplify(&scratch, visual, &layer, &chosen, &result, &counts);
     }
     pc_mesh_free(context, &layer);
     pci_scratch_end(&scratch);

@@ -108,6 +108,17 @@ for list in 24,24 24, ,24 24,x 24,3 24,25,26,27,28,29,30,31,32,33,34,35,36,37,38
 done
 run 2 voxelize outfit.obj -o refused.h5 --vertices 24,60
 
+# A density map: vertex colors of an OBJ, red in the lower half of the skirt.
+awk '/^v / { print $0, ($3 < 0.6 ? 1 : 0), 0, 0; next } { print }' outfit.obj >painted.obj
+run 0 build painted.obj -o painted $quick --density-channel red --no-png --threads 1
+run 0 build painted.obj -o painted3 $quick --density-channel red --no-png --threads 3
+same painted/painted.h5 painted3/painted.h5
+low() { awk '/^v / && $3 < 0.6 { ++n } END { print n + 0 }' "$1"; }
+run 0 build painted.obj -o even $quick --no-png
+[ "$(low painted/painted.proxy.obj)" -gt "$(low even/painted.proxy.obj)" ] || fail "density map"
+run 0 simplify stages.h5 --density-channel red -o ignored.h5
+grep -q 'density channel was ignored' stderr || fail "no warning without vertex colors"
+
 # An earlier stage drops the results of later ones; the visual mesh can be taken from an asset.
 run 0 simplify skinned.h5 -o earlier.h5 --vertices 60
 run 0 info earlier.h5

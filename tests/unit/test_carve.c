@@ -168,7 +168,7 @@ static void survives_random_labels(void **state) {
             pc_simplify_options small;
             pc_record_set_defaults(&pc_simplify_options_record, &small);
             small.vertices = 40;
-            assert_ok(context, pc_simplify(context, &layer, &small, &proxy, NULL));
+            assert_ok(context, pc_simplify(context, NULL, &layer, &small, &proxy, NULL));
             pc_mesh_free(context, &proxy);
         } else {
             assert_int_equal(status, PC_ERROR_NO_PROXY);

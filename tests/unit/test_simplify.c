@@ -1,6 +1,7 @@
 #include "support/test.h"
 
 #include "core/topology.h"
+#include "stages/density.h"
 #include "support/manifold.h"
 #include "support/memory.h"
 #include "support/surfaces.h"
@@ -53,7 +54,7 @@ static pc_mesh simplified(pc_context *context, pc_mesh *mesh, uint32_t vertices,
     pc_record_set_defaults(&pc_simplify_options_record, &options);
     options.vertices = vertices;
     pc_mesh proxy = {0};
-    assert_ok(context, pc_simplify(context, mesh, &options, &proxy, report));
+    assert_ok(context, pc_simplify(context, NULL, mesh, &options, &proxy, report));
     pc_mesh_free(context, mesh);
     return proxy;
 }
@@ -381,7 +382,7 @@ static void refines_narrow_parts(void **state) {
         options.vertices = 100;
         options.narrow_refinement = refined ? 2.0 : 1.0;
         pc_mesh proxy = {0};
-        assert_ok(context, pc_simplify(context, &tube, &options, &proxy, NULL));
+        assert_ok(context, pc_simplify(context, NULL, &tube, &options, &proxy, NULL));
         check_manifold(context, &proxy);
         size_t count[2] = {0};
         for (size_t h = 0; h < 3 * proxy.triangle_count; ++h) {
@@ -432,6 +433,174 @@ static void fits_faces_not_vertices(void **state) {
     pc_context_destroy(context);
 }
 
+// ---- density map --------------------------------------------------------------------------------
+
+// A visual mesh with the same triangles as `mesh` and a color per vertex: the red channel is 1 in
+// the right half, the others are 0.
+static pc_visual painted_visual(pc_context *context, const pc_mesh *mesh, double middle) {
+    float *colors = PCI_ALLOCATE(context, float, 4 * mesh->vertex_count);
+    for (size_t v = 0; v < mesh->vertex_count; ++v) {
+        colors[4 * v] = mesh->positions[3 * v] > middle ? 1.0F : 0.0F;
+        colors[4 * v + 3] = 1.0F;
+    }
+    const pc_visual_arrays arrays = {.vertex_count = mesh->vertex_count,
+                                     .positions = mesh->positions,
+                                     .triangle_count = mesh->triangle_count,
+                                     .triangles = mesh->triangles,
+                                     .colors = colors};
+    pc_visual visual = {0};
+    assert_ok(context, pc_visual_create(context, &arrays, &visual, NULL));
+    pc_release(context, colors);
+    return visual;
+}
+
+// Mean edge length left and right of the two limits.
+static void mean_edges(const pc_mesh *mesh, double left_of, double right_of, double means[2]) {
+    double count[2] = {0.0};
+    means[0] = means[1] = 0.0;
+    for (size_t h = 0; h < 3 * mesh->triangle_count; ++h) {
+        const double *a = &mesh->positions[3 * (size_t)mesh->triangles[h]];
+        const double *b = &mesh->positions[3 * (size_t)mesh->triangles[h - h % 3 + (h + 1) % 3]];
+        if (fmax(a[0], b[0]) < left_of || fmin(a[0], b[0]) > right_of) {
+            const size_t side = fmin(a[0], b[0]) > right_of;
+            means[side] += sqrt(pci_squared_distance(a, b));
+            ++count[side];
+        }
+    }
+    means[0] /= count[0], means[1] /= count[1];
+}
+
+static void edges_follow_the_density_map(void **state) {
+    (void)state;
+    pc_context *context = test_context(0);
+    pc_mesh sheet = test_sheet(context, 40, 20, 2.0, 1.0);
+    pc_visual visual = painted_visual(context, &sheet, 1.5);
+    pc_simplify_options options;
+    pc_record_set_defaults(&pc_simplify_options_record, &options);
+    options.vertices = 300;
+    const double ranges[] = {1.0, 2.0, 4.0};
+    for (size_t i = 0; i < 3; ++i) {
+        options.density_channel = PC_DENSITY_RED;
+        options.density_range = ranges[i];
+        pc_simplify_report report;
+        pc_mesh proxy = {0};
+        assert_ok(context, pc_simplify(context, &visual, &sheet, &options, &proxy, &report));
+        assert_int_equal(proxy.vertex_count, 300);
+        assert_false(report.density_ignored);
+        const shape found = check_manifold(context, &proxy);
+        assert_int_equal(found.euler, 1);
+        assert_true(found.angle_mean > 44.0 && found.angle_worst > 18.0);
+        double means[2];
+        mean_edges(&proxy, 0.8, 1.6, means);
+        assert_true(means[0] / means[1] > 0.85 * ranges[i]);
+        assert_true(means[0] / means[1] < 1.15 * ranges[i]);
+        pc_mesh_free(context, &proxy);
+        // Green is 0 everywhere: even.
+        options.density_channel = PC_DENSITY_GREEN;
+        assert_ok(context, pc_simplify(context, &visual, &sheet, &options, &proxy, &report));
+        mean_edges(&proxy, 0.8, 1.6, means);
+        assert_true(means[0] / means[1] > 0.9 && means[0] / means[1] < 1.1);
+        pc_mesh_free(context, &proxy);
+    }
+    pc_visual_free(context, &visual);
+    pc_mesh_free(context, &sheet);
+    pc_context_destroy(context);
+}
+
+// A small painted spot on a layer far coarser than the edges wanted there.
+static void a_small_spot_gets_enough_samples(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh sheet = test_sheet(context, 20, 20, 1.0, 1.0);
+    pc_visual visual = painted_visual(context, &sheet, 0.9);
+    pc_simplify_options options;
+    pc_record_set_defaults(&pc_simplify_options_record, &options);
+    options.vertices = 200;
+    options.density_channel = PC_DENSITY_RED;
+    options.density_range = 16.0;
+    pc_mesh proxy = {0};
+    assert_ok(context, pc_simplify(context, &visual, &sheet, &options, &proxy, NULL));
+    const shape found = check_manifold(context, &proxy);
+    assert_int_equal(proxy.vertex_count, 200);
+    assert_int_equal(found.euler, 1);
+    assert_true(found.angle_mean > 40.0);
+    double means[2];
+    mean_edges(&proxy, 0.5, 0.94, means);
+    assert_true(means[0] / means[1] > 5.0);
+    pc_mesh_free(context, &proxy);
+    pc_visual_free(context, &visual);
+    pc_mesh_free(context, &sheet);
+    pc_context_destroy(context);
+}
+
+static void a_missing_density_map_is_reported(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh sheet = test_sheet(context, 10, 10, 1.0, 1.0);
+    pc_visual visual = painted_visual(context, &sheet, 0.5);
+    pc_release(context, visual.colors);
+    visual.colors = NULL;
+    pc_simplify_options options;
+    pc_record_set_defaults(&pc_simplify_options_record, &options);
+    options.vertices = 30;
+    pc_mesh plain = {0};
+    pc_simplify_report report;
+    assert_ok(context, pc_simplify(context, &visual, &sheet, &options, &plain, &report));
+    assert_false(report.density_ignored);
+    options.density_channel = PC_DENSITY_ALPHA;
+    const pc_visual *const without[] = {&visual, NULL};
+    for (size_t i = 0; i < 2; ++i) {
+        pc_mesh proxy = {0};
+        assert_ok(context, pc_simplify(context, without[i], &sheet, &options, &proxy, &report));
+        assert_true(report.density_ignored);
+        assert_memory_equal(proxy.positions, plain.positions, 90 * sizeof(double));
+        pc_mesh_free(context, &proxy);
+    }
+    pc_mesh_free(context, &plain);
+    pc_visual_free(context, &visual);
+    pc_mesh_free(context, &sheet);
+    pc_context_destroy(context);
+}
+
+// Certificate: nothing shrinks, no edge is too steep, and whatever was raised hangs on a neighbour.
+static void gradation_is_limited_tightly(void **state) {
+    (void)state;
+    static const double growth = 0.3, spacing = 0.2;
+    pc_context *context = test_context(1);
+    pc_mesh sheet = test_sheet(context, 30, 30, 1.0, 1.0);
+    pci_scratch scratch = pci_scratch_begin(context);
+    pci_halfedge mesh;
+    assert_true(pci_halfedge_build(&scratch, &sheet, &mesh));
+    double *before = PCI_SCRATCH(&scratch, double, mesh.vertex_count);
+    double *scales = PCI_SCRATCH(&scratch, double, mesh.vertex_count);
+    size_t raised = 0;
+    for (uint32_t v = 0; v < mesh.vertex_count; ++v) {
+        before[v] = scales[v] = pci_random(3, 0, v) < 0.02 ? 16.0 : 1.0;
+    }
+    assert_true(pci_limit_gradation(&scratch, &mesh, spacing, scales));
+    for (uint32_t v = 0; v < mesh.vertex_count; ++v) {
+        double allowed = INFINITY; // the least that a neighbour asks for
+        PCI_FOR_OUTGOING(&mesh, v, h) {
+            const uint32_t ends[2] = {pci_target(&mesh, h), mesh.corners[pci_previous(h)]};
+            for (size_t i = 0; i < 2; ++i) {
+                const double way = sqrt(pci_squared_distance(&mesh.positions[3 * (size_t)v],
+                                                             &mesh.positions[3 * (size_t)ends[i]]));
+                allowed = fmin(allowed, spacing / scales[ends[i]] + growth * way);
+            }
+        }
+        assert_true(scales[v] >= before[v]);
+        assert_true(spacing / scales[v] <= allowed + 1e-12);
+        if (scales[v] > before[v]) {
+            assert_close(spacing / scales[v], allowed, 1e-12);
+            ++raised;
+        }
+    }
+    assert_true(raised > 100);
+    pci_scratch_end(&scratch);
+    pc_mesh_free(context, &sheet);
+    pc_context_destroy(context);
+}
+
 static void survives_lack_of_memory(void **state) {
     (void)state;
     counting_allocator counter = {0};
@@ -440,12 +609,14 @@ static void survives_lack_of_memory(void **state) {
     pc_simplify_options options;
     pc_record_set_defaults(&pc_simplify_options_record, &options);
     options.vertices = 12;
+    options.density_channel = PC_DENSITY_RED;
+    pc_visual visual = painted_visual(context, &sheet, 0.5);
     const size_t live = counter.live;
     size_t failures = 0;
     for (pc_status status = PC_ERROR_OUT_OF_MEMORY; status != PC_OK; ++failures) {
         counter.calls = 0;
         counter.fail_at = failures + 1;
-        status = pc_simplify(context, &sheet, &options, &proxy, NULL);
+        status = pc_simplify(context, &visual, &sheet, &options, &proxy, NULL);
         if (status != PC_OK) {
             assert_int_equal(status, PC_ERROR_OUT_OF_MEMORY);
             assert_int_equal(counter.live, live);
@@ -454,6 +625,7 @@ static void survives_lack_of_memory(void **state) {
     }
     assert_true(failures > 50);
     pc_mesh_free(context, &proxy);
+    pc_visual_free(context, &visual);
     pc_mesh_free(context, &sheet);
     pc_context_destroy(context);
     assert_int_equal(counter.live, 0);
@@ -463,7 +635,7 @@ static void can_be_cancelled(void **state) {
     (void)state;
     pc_context *context = test_cancelling_context();
     pc_mesh sheet = test_sheet(context, 4, 4, 1.0, 1.0), result = {0};
-    assert_int_equal(pc_simplify(context, &sheet, NULL, &result, NULL), PC_ERROR_CANCELLED);
+    assert_int_equal(pc_simplify(context, NULL, &sheet, NULL, &result, NULL), PC_ERROR_CANCELLED);
     assert_null(result.positions);
     pc_mesh_free(context, &sheet);
     pc_context_destroy(context);
@@ -475,23 +647,25 @@ static void rejects_bad_arguments(void **state) {
     pc_mesh sheet = test_sheet(context, 2, 2, 1.0, 1.0), proxy = {0};
     pc_simplify_options options;
     pc_record_set_defaults(&pc_simplify_options_record, &options);
-    assert_int_equal(pc_simplify(context, NULL, NULL, &proxy, NULL), PC_ERROR_INVALID_ARGUMENT);
-    assert_int_equal(pc_simplify(context, &sheet, NULL, &sheet, NULL), PC_ERROR_INVALID_ARGUMENT);
+    assert_int_equal(pc_simplify(context, NULL, NULL, NULL, &proxy, NULL),
+                     PC_ERROR_INVALID_ARGUMENT);
+    assert_int_equal(pc_simplify(context, NULL, &sheet, NULL, &sheet, NULL),
+                     PC_ERROR_INVALID_ARGUMENT);
     options.vertices = 3;
-    assert_int_equal(pc_simplify(context, &sheet, &options, &proxy, NULL),
+    assert_int_equal(pc_simplify(context, NULL, &sheet, &options, &proxy, NULL),
                      PC_ERROR_INVALID_OPTIONS);
     options.vertices = 8;
     sheet.triangles[4] = 9;
-    assert_int_equal(pc_simplify(context, &sheet, &options, &proxy, NULL),
+    assert_int_equal(pc_simplify(context, NULL, &sheet, &options, &proxy, NULL),
                      PC_ERROR_INVALID_ARGUMENT);
     sheet.triangles[4] = 0;
     sheet.positions[5] = NAN;
-    assert_int_equal(pc_simplify(context, &sheet, &options, &proxy, NULL),
+    assert_int_equal(pc_simplify(context, NULL, &sheet, &options, &proxy, NULL),
                      PC_ERROR_INVALID_ARGUMENT);
     memset(sheet.positions, 0, 3 * sheet.vertex_count * sizeof(double));
-    assert_int_equal(pc_simplify(context, &sheet, &options, &proxy, NULL), PC_ERROR_NO_PROXY);
+    assert_int_equal(pc_simplify(context, NULL, &sheet, &options, &proxy, NULL), PC_ERROR_NO_PROXY);
     const pc_mesh empty = {0};
-    assert_int_equal(pc_simplify(context, &empty, &options, &proxy, NULL), PC_ERROR_NO_PROXY);
+    assert_int_equal(pc_simplify(context, NULL, &empty, &options, &proxy, NULL), PC_ERROR_NO_PROXY);
     assert_null(proxy.positions);
     assert_null(proxy.triangles);
     pc_mesh_free(context, &sheet);
@@ -514,6 +688,10 @@ int main(void) {
         cmocka_unit_test(is_deterministic),
         cmocka_unit_test(refines_narrow_parts),
         cmocka_unit_test(fits_faces_not_vertices),
+        cmocka_unit_test(edges_follow_the_density_map),
+        cmocka_unit_test(a_small_spot_gets_enough_samples),
+        cmocka_unit_test(a_missing_density_map_is_reported),
+        cmocka_unit_test(gradation_is_limited_tightly),
         cmocka_unit_test(survives_lack_of_memory),
         cmocka_unit_test(can_be_cancelled),
         cmocka_unit_test(rejects_bad_arguments),

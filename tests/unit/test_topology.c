@@ -460,9 +460,14 @@ static void sorting_follows_space(void **state) {
     }
     pci_scratch scratch = pci_scratch_begin(context);
     pc_mesh sorted = {0};
-    assert_true(pci_sort_mesh(&scratch, &mesh, &sorted));
+    uint32_t *order = NULL;
+    assert_true(pci_sort_mesh(&scratch, &mesh, &sorted, &order));
     assert_int_equal(sorted.vertex_count, nv);
     assert_int_equal(sorted.triangle_count, mesh.triangle_count);
+    for (size_t v = 0; v < nv; ++v) {
+        assert_memory_equal(&sorted.positions[3 * v], &mesh.positions[3 * (size_t)order[v]],
+                            3 * sizeof(double));
+    }
     // Every quad of the sheet occurs twice, once per triangle, with the winding of the sheet.
     uint8_t *quads = PCI_ALLOCATE(context, uint8_t, (size_t)n * n);
     for (size_t t = 0; t < sorted.triangle_count; ++t) {
@@ -515,7 +520,7 @@ static void lack_of_memory_is_reported(void **state) {
     for (bool done = false; !done; ++ration) {
         pci_scratch scratch = pci_scratch_begin(context);
         pci_topology topology;
-        uint32_t component[20], *vertices = NULL;
+        uint32_t component[20], *vertices = NULL, *order = NULL;
         size_t count = 0, *offsets = NULL;
         pc_mesh copy = {0}, sorted;
         left = ration;
@@ -523,7 +528,7 @@ static void lack_of_memory_is_reported(void **state) {
                pci_boundary_loops(&scratch, &mesh, &topology, &count, &offsets, &vertices) &&
                pci_triangle_components(&scratch, &mesh, &topology, component) > 0 &&
                (pci_nonmanifold_vertex_count(&scratch, &mesh, &topology), !scratch.failed) &&
-               pci_sort_mesh(&scratch, &mesh, &sorted) &&
+               pci_sort_mesh(&scratch, &mesh, &sorted, &order) &&
                pci_mesh_compact(&scratch, &mesh, NULL, &copy, NULL);
         left = -1;
         assert_true(done == (copy.positions != NULL));

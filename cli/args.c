@@ -18,6 +18,8 @@ static const pc_field settings_fields[] = {
     SETTING(import_memory, UINT, 4096, 16, 1048576, "MiB", "Memory that reading a file may use"),
     SETTING(import_seconds, DOUBLE, 60, 0.01, 86400, "s", "Time that reading a file may take"),
     SETTING(png, BOOL, 1, 0, 1, "", "Write the contact sheet NAME.png"),
+    SETTING(strip, BOOL, 0, 0, 1, "",
+            "Write NAME.strip.png: turntable, weights, skinned frames and stretch in rows"),
     SETTING(json, BOOL, 0, 0, 1, "", "Print JSON"),
     SETTING(motion, BOOL, 0, 0, 1, "",
             "Measure the weights of an asset on a wind they have not seen"),
@@ -40,6 +42,7 @@ static bool accepts_setting(const cli_command *command, const pc_field *field) {
     case offsetof(cli_settings, motion):
         return (command->accepts & CLI_MOTION) != 0;
     case offsetof(cli_settings, png):
+    case offsetof(cli_settings, strip):
         return (command->accepts & CLI_PNG) != 0;
     default:
         return true;

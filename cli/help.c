@@ -89,6 +89,7 @@ void cli_print_help(const cli_command *command) {
     }
     if ((command->accepts & CLI_PNG) != 0) {
         print_setting("png");
+        print_setting("strip");
     }
     if ((command->accepts & CLI_MOTION) != 0) {
         print_setting("motion");

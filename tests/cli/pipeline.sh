@@ -135,6 +135,10 @@ grep -q ' bones' stdout || fail "no skin in the GLB"
 run 0 evaluate outfit.obj a/b/out/outfit.proxy.obj
 run 0 evaluate skinned.h5 skinned.h5
 
+# The strip on request.
+run 0 export skinned.h5 -o strip --strip --no-png
+holds strip "outfit.glb outfit.json outfit.proxy.obj outfit.strip.png"
+
 # Weights in another wind: the asset's, the same out of its GLB, and those without optimisation; the
 # same on any number of threads.
 run 0 evaluate --motion skinned.h5 a/b/out/outfit.glb --threads 1

@@ -7,8 +7,8 @@
 ///
 /// Openings narrower than two voxels (cuffs, a neckline, the foot of a leg) are closed in the
 /// iso-surface. Always on: a part of the layer that leaves the visual mesh sideways by more than
-/// `carve_distance`, and around which the visual mesh ends (rims on at least 9 of 12 sides), is such
-/// a membrane and is cut out along the isoline of that distance. What bridges two surfaces, as
+/// `carve_distance`, and around which the visual mesh ends (rims on at least 9 of 12 sides), is
+/// such a membrane and is cut out along the isoline of that distance. What bridges two surfaces, as
 /// between the legs, has no rim around it and stays, as does what holds the layer together.
 ///
 /// With `carve` on, everything farther than `carve_distance` beside the visual mesh is cut away

@@ -109,6 +109,9 @@ static int unknown_option(const cli_command *command, const char *name, const ch
     if ((command->accepts & CLI_NAME) != 0) {
         cli_guess_add(&guess, "name");
     }
+    if ((command->accepts & CLI_WRITE_LP) != 0) {
+        cli_guess_add(&guess, "write-lp");
+    }
     if ((command->accepts & CLI_SCENARIO) != 0) {
         cli_guess_add(&guess, "scenario");
     }
@@ -172,9 +175,10 @@ static int match_text(const cli_command *command, cli_arguments *arguments, flag
                         (command->accepts & (CLI_OUTPUT_FILE | CLI_OUTPUT_FOLDER)) != 0;
     const bool name = strcmp(flag->name, "name") == 0 && (command->accepts & CLI_NAME) != 0;
     const bool mesh = strcmp(flag->name, "mesh") == 0 && (command->accepts & CLI_MESH) != 0;
+    const bool lp = strcmp(flag->name, "write-lp") == 0 && (command->accepts & CLI_WRITE_LP) != 0;
     const bool scenario =
         strcmp(flag->name, "scenario") == 0 && (command->accepts & CLI_SCENARIO) != 0;
-    if ((!output && !name && !mesh && !scenario) || flag->negated) {
+    if ((!output && !name && !mesh && !lp && !scenario) || flag->negated) {
         return CLI_OK;
     }
     flag->known = true;
@@ -186,6 +190,8 @@ static int match_text(const cli_command *command, cli_arguments *arguments, flag
         arguments->output = text;
     } else if (name) {
         arguments->name = text;
+    } else if (lp) {
+        arguments->lp = text;
     } else if (scenario) {
         arguments->scenario = text;
     } else {

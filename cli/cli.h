@@ -42,7 +42,8 @@ typedef enum cli_accepts {
     CLI_JSON = 1 << 4,          // --json
     CLI_PNG = 1 << 5,           // --png
     CLI_MOTION = 1 << 6,        // --motion and its options
-    CLI_SCENARIO = 1 << 7       // --scenario
+    CLI_SCENARIO = 1 << 7,      // --scenario
+    CLI_WRITE_LP = 1 << 8       // --write-lp
 } cli_accepts;
 
 enum { CLI_MAXIMUM_LEVELS = 16 };
@@ -53,6 +54,7 @@ typedef struct cli_arguments {
     const char *output;   // NULL: not given
     const char *name;     // NULL: not given
     const char *scenario; // file; its options are in `options`, flags override them
+    const char *lp;       // NULL: not given
     const char **patterns;
     size_t pattern_count;
     bool help;

@@ -70,7 +70,8 @@ run 0 voxelize outfit.obj -o stages.h5 --name outfit --voxels 16
 run 0 isosurface stages.h5
 run 0 project stages.h5
 run 0 graph stages.h5
-run 0 label stages.h5
+run 0 label stages.h5 --write-lp stages.lp
+tail -n 1 stages.lp | grep -q '^End$' || fail "--write-lp"
 run 0 carve stages.h5
 run 0 simplify stages.h5 --vertices 60
 run 0 simulate stages.h5 --frames 8

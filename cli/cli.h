@@ -19,11 +19,15 @@ typedef enum cli_exit {
     CLI_INTERRUPTED = 130
 } cli_exit;
 
+// What becomes of a file with several garments.
+typedef enum cli_part_mode { CLI_PARTS_TOGETHER, CLI_PARTS_SEPARATE } cli_part_mode;
+
 // Options of the program itself that are numbers or switches; described by cli_settings_record.
 typedef struct cli_settings {
     uint32_t threads;
     uint32_t import_memory; // MiB
     double import_seconds;
+    uint32_t parts; // cli_part_mode
     bool png;
     bool json;
     bool quiet;
@@ -39,7 +43,8 @@ typedef enum cli_accepts {
     CLI_NAME = 1 << 2,          // --name
     CLI_MESH = 1 << 3,          // --mesh, --import-memory, --import-seconds
     CLI_JSON = 1 << 4,          // --json
-    CLI_PNG = 1 << 5            // --png
+    CLI_PNG = 1 << 5,           // --png
+    CLI_PARTS = 1 << 6          // --parts
 } cli_accepts;
 
 enum { CLI_MAXIMUM_LEVELS = 16 };
@@ -144,9 +149,10 @@ int cli_input_kind(const char *command, const char *path, cli_kind *kind);
 int cli_garment_name(const cli_command *command, const cli_arguments *arguments,
                      char name[sizeof(((pc_asset *)NULL)->name)]);
 
-// Appends ".lod64" to the name of an asset. Prints the message when it gets too long.
-int cli_name_level(const cli_command *command, const char *base, uint32_t vertices,
-                   char name[sizeof(((pc_asset *)NULL)->name)]);
+// Appends ".KINDnumber" (".lod64", ".part2") to the name of an asset. Prints the message when it
+// gets too long.
+int cli_extend_name(const cli_command *command, const char *base, const char *kind, uint32_t number,
+                    char name[sizeof(((pc_asset *)NULL)->name)]);
 
 // Loads an asset file.
 int cli_load_asset(const cli_command *command, pc_context *context, const char *path,

@@ -80,6 +80,9 @@ void cli_print_help(const cli_command *command) {
         print_setting("import_seconds");
         print_setting("import_memory");
     }
+    if ((command->accepts & CLI_PARTS) != 0) {
+        print_setting("parts");
+    }
     if ((command->accepts & CLI_PNG) != 0) {
         print_setting("png");
     }

@@ -27,6 +27,7 @@
 #include "proxycloth/base.h"
 #include "proxycloth/mesh.h"
 #include "proxycloth/options.h"
+#include "proxycloth/parts.h"
 
 #include "proxycloth/carve.h"
 #include "proxycloth/graph.h"

@@ -28,6 +28,8 @@ static const pc_field settings_fields[] = {
      .choices = part_choices},
     SETTING(png, BOOL, 1, 0, 1, "", "Write the contact sheet NAME.png"),
     SETTING(json, BOOL, 0, 0, 1, "", "Print JSON"),
+    SETTING(motion, BOOL, 0, 0, 1, "",
+            "Measure the weights of an asset on a wind they have not seen"),
     SETTING(quiet, BOOL, 0, 0, 1, "", "Print errors only"),
     SETTING(verbose, BOOL, 0, 0, 1, "", "Print more about each stage"),
 };
@@ -46,6 +48,8 @@ static bool accepts_setting(const cli_command *command, const pc_field *field) {
         return (command->accepts & CLI_JSON) != 0;
     case offsetof(cli_settings, parts):
         return (command->accepts & CLI_PARTS) != 0;
+    case offsetof(cli_settings, motion):
+        return (command->accepts & CLI_MOTION) != 0;
     case offsetof(cli_settings, png):
         return (command->accepts & CLI_PNG) != 0;
     default:
@@ -248,6 +252,10 @@ static int match_flag(const cli_command *command, pc_context *context, cli_argum
         code = match_record(command, context, "option", &cli_settings_record, &arguments->settings,
                             flag);
     }
+    if (code == CLI_OK && (command->accepts & CLI_MOTION) != 0) {
+        code = match_record(command, context, "option", &pc_evaluate_motion_options_record,
+                            &arguments->motion, flag);
+    }
     // Several stages may share a name (--seed): all of them are set.
     for (pc_stage stage = 0; stage < PC_STAGE_COUNT && code == CLI_OK; ++stage) {
         const pc_stage_info *info = pc_stage_describe(stage);
@@ -338,6 +346,7 @@ int cli_parse(const cli_command *command, int count, char **words, cli_arguments
     memset(arguments, 0, sizeof(*arguments));
     arguments->options = pc_default_options();
     pc_record_set_defaults(&cli_settings_record, &arguments->settings);
+    pc_record_set_defaults(&pc_evaluate_motion_options_record, &arguments->motion);
     arguments->patterns = calloc((size_t)count + 1, sizeof(*arguments->patterns));
     // One thread: the parsing context must not start any (files are imported in a fork).
     const pc_context_options options = {.threads = 1};

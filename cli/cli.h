@@ -30,6 +30,7 @@ typedef struct cli_settings {
     uint32_t parts; // cli_part_mode
     bool png;
     bool json;
+    bool motion;
     bool quiet;
     bool verbose;
 } cli_settings;
@@ -44,7 +45,8 @@ typedef enum cli_accepts {
     CLI_MESH = 1 << 3,          // --mesh, --import-memory, --import-seconds
     CLI_JSON = 1 << 4,          // --json
     CLI_PNG = 1 << 5,           // --png
-    CLI_PARTS = 1 << 6          // --parts
+    CLI_MOTION = 1 << 6,        // --motion and its options
+    CLI_PARTS = 1 << 7          // --parts
 } cli_accepts;
 
 enum { CLI_MAXIMUM_LEVELS = 16 };
@@ -59,6 +61,7 @@ typedef struct cli_arguments {
     bool help;
     cli_settings settings;
     pc_options options;
+    pc_evaluate_motion_options motion;
     uint32_t levels[CLI_MAXIMUM_LEVELS]; // --vertices 64,128: one result each
     size_t level_count;                  // 0: one result, options.simplify.vertices
 } cli_arguments;
@@ -102,6 +105,8 @@ int cli_run_stage(const cli_command *command, cli_arguments *arguments);
 int cli_run_export(const cli_command *command, cli_arguments *arguments);
 int cli_run_info(const cli_command *command, cli_arguments *arguments);
 int cli_run_evaluate(const cli_command *command, cli_arguments *arguments);
+// evaluate --motion
+int cli_evaluate_motion(const cli_command *command, const cli_arguments *arguments);
 
 // ---- messages ---------------------------------------------------------------------------------
 

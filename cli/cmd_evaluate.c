@@ -108,6 +108,13 @@ static int evaluate(const cli_command *command, const cli_arguments *arguments, 
 }
 
 int cli_run_evaluate(const cli_command *command, cli_arguments *arguments) {
+    if (arguments->settings.motion) {
+        return cli_evaluate_motion(command, arguments);
+    }
+    if (arguments->input_count < 2) {
+        return cli_fail(command->name, CLI_USAGE, "an input is missing; usage: proxycloth %s %s",
+                        command->name, command->operands);
+    }
     cli_catch_signals();
     eval_side *sides = calloc(2, sizeof(*sides));
     pc_context *context = NULL;

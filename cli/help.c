@@ -86,6 +86,12 @@ void cli_print_help(const cli_command *command) {
     if ((command->accepts & CLI_PNG) != 0) {
         print_setting("png");
     }
+    if ((command->accepts & CLI_MOTION) != 0) {
+        print_setting("motion");
+        for (size_t i = 0; i < pc_evaluate_motion_options_record.field_count; ++i) {
+            print_field(&pc_evaluate_motion_options_record.fields[i]);
+        }
+    }
     if ((command->accepts & CLI_JSON) != 0) {
         print_setting("json");
     }

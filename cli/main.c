@@ -50,12 +50,16 @@ static const cli_command commands_after[] = {
      .accepts = CLI_JSON | CLI_MESH,
      .run = cli_run_info},
     {.name = "evaluate",
-     .operands = "VISUAL PROXY",
-     .summary = "measure a proxy mesh against its visual mesh",
-     .details = "Either may be an asset file: its visual mesh or its proxy is taken.\n",
-     .minimum_inputs = 2,
+     .operands = "VISUAL PROXY | --motion ASSET [WEIGHTS.glb]",
+     .summary = "measure a proxy mesh against its visual mesh, or skinning weights on a motion",
+     .details =
+         "VISUAL and PROXY may be asset files: the visual mesh or the proxy is taken.\n"
+         "--motion simulates the proxy of ASSET in another wind and compares its weights, those\n"
+         "in WEIGHTS.glb (of any program; one joint where each proxy vertex rests), and weights\n"
+         "without optimisation: inverse distance, closest triangle, the same smoothed.\n",
+     .minimum_inputs = 1,
      .maximum_inputs = 2,
-     .accepts = CLI_JSON | CLI_MESH,
+     .accepts = CLI_JSON | CLI_MESH | CLI_MOTION,
      .run = cli_run_evaluate},
     {.name = "help",
      .operands = "[COMMAND]",

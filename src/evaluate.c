@@ -4,6 +4,7 @@
 #include "core/core.h"
 #include "core/crossing.h"
 #include "core/hausdorff.h"
+#include "core/hems.h"
 #include "core/topology.h"
 #include "core/union_find.h"
 
@@ -39,6 +40,16 @@ static const pc_field measure_fields[] = {
            "Largest distance of the proxy from the visual mesh"),
     NUMBER(hausdorff_unit_cube, "",
            "Two-sided Hausdorff distance with the visual mesh scaled into [-1, 1]^3"),
+    NUMBER(opening_length, "diagonal", "Length of the visual mesh's hems"),
+    NUMBER(boundary_length, "diagonal", "Length of the proxy's boundary"),
+    NUMBER(boundary_to_opening_mean, "diagonal",
+           "Distance of the proxy's boundary from the visual mesh's hems, mean"),
+    NUMBER(boundary_to_opening_max, "diagonal",
+           "Distance of the proxy's boundary from the visual mesh's hems, largest"),
+    NUMBER(opening_to_boundary_mean, "diagonal",
+           "Distance of the visual mesh's hems from the proxy's boundary, mean"),
+    NUMBER(opening_to_boundary_max, "diagonal",
+           "Distance of the visual mesh's hems from the proxy's boundary, largest"),
     NUMBER(min_angle_mean, "degrees", "Smallest angle of a triangle, mean"),
     NUMBER(min_angle_sd, "degrees", "Smallest angle of a triangle, standard deviation"),
     NUMBER(min_angle_worst, "degrees", "Smallest angle of all triangles"),
@@ -296,8 +307,139 @@ static pc_status measure_doubled_area(pc_context *context, const pc_mesh *proxy,
     return PC_OK;
 }
 
-// ---- distance ---------------------------------------------------------------------------------
+// ---- boundaries -------------------------------------------------------------------------------
 
+// Segments with a tree to find the nearest.
+typedef struct curves {
+    pc_mesh mesh; // one degenerate triangle per segment
+    pci_bvh *bvh;
+    double length;
+} curves;
+
+static pc_status build_curves(pci_scratch *scratch, const double *points, size_t count,
+                              curves *result) {
+    uint32_t *triangles = PCI_SCRATCH(scratch, uint32_t, 3 * count);
+    double *copy = PCI_SCRATCH(scratch, double, 6 * count);
+    if (scratch->failed) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    result->mesh = (pc_mesh){2 * count, copy, count, triangles};
+    for (size_t i = 0; i < count; ++i) {
+        memcpy(&copy[6 * i], &points[6 * i], 6 * sizeof(double));
+        triangles[3 * i] = (uint32_t)(2 * i);
+        triangles[3 * i + 1] = triangles[3 * i + 2] = (uint32_t)(2 * i + 1);
+        result->length += sqrt(pci_squared_distance(&points[6 * i], &points[6 * i + 3]));
+    }
+    return count == 0 ? PC_OK
+                      : pci_bvh_create(scratch->context, stage, &result->mesh, &result->bvh);
+}
+
+typedef struct strayed {
+    const curves *from, *to;
+    double spacing;
+    double *sums, *most; // per segment: mean distance times length, largest distance
+} strayed;
+
+static void measure_segments(void *user, size_t begin, size_t end, uint32_t worker) {
+    strayed *s = user;
+    (void)worker;
+    for (size_t i = begin; i < end; ++i) {
+        const double *a = &s->from->mesh.positions[6 * i], *b = a + 3;
+        const double length = sqrt(pci_squared_distance(a, b));
+        const size_t pieces = (size_t)fmax(1.0, ceil(length / s->spacing));
+        for (size_t j = 0; j <= pieces; ++j) {
+            double point[3];
+            for (size_t k = 0; k < 3; ++k) {
+                point[k] = a[k] + (b[k] - a[k]) * ((double)j / (double)pieces);
+            }
+            const double distance = pci_bvh_closest(s->to->bvh, point, INFINITY).distance;
+            const double weight = j == 0 || j == pieces ? 0.5 : 1.0; // trapezoidal rule
+            s->sums[i] += weight * distance * length / (double)pieces;
+            s->most[i] = fmax(s->most[i], distance);
+        }
+    }
+}
+
+static pc_status measure_curves(pci_scratch *scratch, const curves *from, const curves *to,
+                                double diagonal, double *mean, double *most) {
+    const size_t count = from->mesh.triangle_count;
+    if (count == 0 || to->bvh == NULL || !(from->length > 0.0)) {
+        *mean = *most = count == 0 && to->bvh == NULL ? 0.0 : 1.0;
+        return PC_OK;
+    }
+    strayed s = {from, to, diagonal / 500.0, PCI_SCRATCH(scratch, double, count),
+                 PCI_SCRATCH(scratch, double, count)};
+    if (scratch->failed) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    pci_parallel_for(scratch->context, count, 64, measure_segments, &s);
+    *mean = *most = 0.0;
+    for (size_t i = 0; i < count; ++i) {
+        *mean += s.sums[i] / (from->length * diagonal);
+        *most = fmax(*most, s.most[i] / diagonal);
+    }
+    return PC_OK;
+}
+
+// Edges of one triangle as pairs of points, from scratch.
+static bool boundary_segments(pci_scratch *scratch, const pc_mesh *mesh, double **points,
+                              size_t *count) {
+    pci_topology topology;
+    if (!pci_topology_build(scratch, mesh, &topology)) {
+        return false;
+    }
+    *points = PCI_SCRATCH(scratch, double, 6 * topology.edge_count);
+    for (size_t e = 0; e < topology.edge_count && *points != NULL; ++e) {
+        if (topology.edge_triangle_offsets[e + 1] - topology.edge_triangle_offsets[e] == 1) {
+            for (size_t end = 0; end < 2; ++end) {
+                memcpy(&(*points)[6 * *count + 3 * end],
+                       &mesh->positions[3 * (size_t)topology.edges[2 * e + end]],
+                       3 * sizeof(double));
+            }
+            ++*count;
+        }
+    }
+    return *points != NULL;
+}
+
+static pc_status measure_boundary(pc_context *context, const pc_mesh *visual,
+                                  const pci_bvh *visual_bvh, const pc_mesh *proxy, double voxel,
+                                  double diagonal, pc_measures *measures) {
+    pci_scratch scratch = pci_scratch_begin(context);
+    pci_hems hems;
+    curves openings = {{0}, NULL, 0.0}, boundary = {{0}, NULL, 0.0};
+    double *points = NULL;
+    size_t count = 0;
+    pc_status status = PC_OK;
+    if (!pci_find_hems(&scratch, visual, visual_bvh, voxel, &hems) ||
+        !boundary_segments(&scratch, proxy, &points, &count)) {
+        status = pci_fail_memory(context, stage);
+    }
+    if (status == PC_OK) {
+        status = build_curves(&scratch, hems.points, hems.count, &openings);
+    }
+    if (status == PC_OK) {
+        status = build_curves(&scratch, points, count, &boundary);
+    }
+    if (status == PC_OK) {
+        status =
+            measure_curves(&scratch, &boundary, &openings, diagonal,
+                           &measures->boundary_to_opening_mean, &measures->boundary_to_opening_max);
+    }
+    if (status == PC_OK) {
+        status =
+            measure_curves(&scratch, &openings, &boundary, diagonal,
+                           &measures->opening_to_boundary_mean, &measures->opening_to_boundary_max);
+    }
+    measures->opening_length = openings.length / diagonal;
+    measures->boundary_length = boundary.length / diagonal;
+    pci_bvh_destroy(context, boundary.bvh);
+    pci_bvh_destroy(context, openings.bvh);
+    pci_scratch_end(&scratch);
+    return status;
+}
+
+// ---- distance ---------------------------------------------------------------------------------
 static void used_box(const pc_mesh *mesh, double minimum[3], double maximum[3]) {
     for (size_t k = 0; k < 3; ++k) {
         minimum[k] = INFINITY, maximum[k] = -INFINITY;
@@ -337,6 +479,10 @@ static pc_status measure_space(pc_context *context, const pc_mesh *visual, const
     if (status == PC_OK) {
         status = measure_doubled_area(context, proxy, proxy_bvh, DOUBLED_REACH * longest / 32.0,
                                       &measures->doubled_area);
+    }
+    if (status == PC_OK) {
+        status = measure_boundary(context, visual, visual_bvh, proxy, longest / 32.0, diagonal,
+                                  measures);
     }
     measures->hausdorff_visual_to_proxy = there / diagonal;
     measures->hausdorff_proxy_to_visual = back / diagonal;

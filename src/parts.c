@@ -179,7 +179,7 @@ static pc_status join_pieces(pci_scratch *scratch, const pc_mesh *mesh, piece *p
         const bool small = i > 0 && p->area < small_share * total;
         j.earlier = i;
         j.joined = p;
-        j.reach = small ? INFINITY : reach;
+        j.reach = small ? HUGE_VAL : reach;
         if (!pci_parallel_while_wanted(context, p->triangle_count, grain, find_neighbours, &j)) {
             return pci_fail_cancelled(context, name);
         }
@@ -279,8 +279,7 @@ static pc_status extract_all(pc_context *context, const pc_visual *visual, const
     for (uint32_t i = 0; i < part_count && status == PC_OK; ++i) {
         pci_scratch scratch = pci_scratch_begin(context);
         result->part_count = i + 1;
-        status =
-            extract(&scratch, visual, parts, i, &result->visuals[i], &result->reports[i]);
+        status = extract(&scratch, visual, parts, i, &result->visuals[i], &result->reports[i]);
         pci_scratch_end(&scratch);
     }
     return status;
@@ -302,6 +301,9 @@ pc_status pc_split_visual(pc_context *context, const pc_visual *visual, pc_parts
         parts->visuals != NULL || parts->reports != NULL) {
         return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, name,
                         "parts: a visual mesh and an empty output are needed");
+    }
+    if (!pci_progress(context, name, 0.0)) {
+        return pci_fail_cancelled(context, name);
     }
     const pc_mesh *mesh = &visual->surface;
     pci_scratch scratch = pci_scratch_begin(context);

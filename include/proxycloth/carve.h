@@ -14,6 +14,10 @@
 /// With `carve` on, everything farther than `carve_distance` beside the visual mesh is cut away
 /// (section 5.1), so that separate parts can move freely.
 ///
+/// The border of the layer follows the voxels; with `snap_border` it is moved onto the garment's
+/// hems within 1.5 voxels (edges of one triangle with no other cloth in front), and the surface
+/// behind it follows. Straps of few voxels stay as they are.
+///
 /// DEVIATION: the distance is not geodesic; it is the share along the surface of the straight
 /// distance to the nearest point of the visual mesh. The two agree up to gaps of a few voxels, and
 /// wider gaps never close.
@@ -33,6 +37,7 @@ typedef struct pc_carve_options {
     double carve_distance; ///< epsilon_carved, in voxels; regions that reach 1.2 times as far count
     double smallest_part;  ///< parts below this fraction of the largest part's area are dropped
     uint32_t fill_loops;   ///< boundary loops of at most this many edges are filled
+    bool snap_border;      ///< move the border onto the garment's hems
 } pc_carve_options;
 
 typedef struct pc_carve_report {

@@ -17,6 +17,13 @@
 /// - Distances. Hausdorff distances between the surfaces, not only their vertices, by branch and
 ///   bound: attained, and below the true value by at most 1e-4 of the diagonal and 1e-4 of the
 ///   distance. The paper's unit is taken to be `hausdorff_unit_cube`.
+/// - Boundary. The garment's openings are the edges of its visual mesh that belong to one triangle
+///   (copies count once) and have no other cloth in front of them: the point that is D / 32 (one
+///   voxel at the paper's resolution) in front of the hem is at least half of that away from all
+///   cloth. Seams of panels that are not joined and pockets are no openings, and a garment of
+///   closed shells has none. Distances between these hems and the proxy's boundary edges, both
+///   ways, over the diagonal, at points at most 1/500 of the diagonal apart; 1 when only one of the
+///   two meshes has a boundary, 0 when neither has.
 /// - Shape. Mean, standard deviation over the triangles, and the worst one; 0 for a triangle
 ///   without area, 1 (60 degrees) for an equilateral one.
 #ifndef PROXYCLOTH_EVALUATE_H
@@ -43,6 +50,10 @@ typedef struct pc_measures {
     double hausdorff_visual_to_proxy;
     double hausdorff_proxy_to_visual;
     double hausdorff_unit_cube; ///< two-sided, visual mesh scaled into [-1, 1]^3
+    double opening_length;      ///< of the garment's hems
+    double boundary_length;     ///< of the proxy's boundary
+    double boundary_to_opening_mean, boundary_to_opening_max;      ///< proxy's boundary to the hems
+    double opening_to_boundary_mean, opening_to_boundary_max;      ///< hems to the proxy's boundary
     double min_angle_mean, min_angle_sd, min_angle_worst;          ///< degrees
     double edge_ratio_mean, edge_ratio_sd, edge_ratio_worst;       ///< shortest / longest edge
     double aspect_ratio_mean, aspect_ratio_sd, aspect_ratio_worst; ///< h_min / l_max

@@ -16,7 +16,8 @@ extern "C" {
 ///
 /// - One primitive per material with triangles; vertices are the split vertices in use, with
 ///   POSITION, NORMAL (smooth ones where the asset has none), TEXCOORD_0 and COLOR_0 where the
-///   asset has them, and as many sets JOINTS_n, WEIGHTS_n as the weights need (4 influences each).
+///   asset has them, and as many sets JOINTS_n, WEIGHTS_n as the weights need (4 influences each);
+///   weights as floats or as integers with exact sums (largest remainder), `skin.weight_storage`.
 /// - Joint i is proxy vertex i: flat under one root, node names NAME_joint_0000 and so on, inverse
 ///   bind matrices that only translate. Skinned meshes have no transform of their own.
 /// - Animation "simulation": one LINEAR translation channel per joint, frame f at f * frame_time.

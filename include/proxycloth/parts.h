@@ -41,7 +41,8 @@ PC_NODISCARD pc_status pc_split_visual(pc_context *context, const pc_visual *vis
 /// shares add up to `vertices` where that is at least 4 per part. Ties go to the earlier part.
 /// @param[in]  areas   #parts, at least 0, for example of the single layers.
 /// @param[out] shares  #parts.
-/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (NULL, no part, an area that is negative or not finite).
+/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (NULL, no part, an area that is negative or not
+/// finite).
 PC_NODISCARD pc_status pc_share_vertices(pc_context *context, size_t part_count,
                                          const double *areas, uint32_t vertices, uint32_t *shares);
 

@@ -42,8 +42,10 @@
 #include "proxycloth/pipeline.h"
 
 #include "proxycloth/asset_file.h"
+#include "proxycloth/baselines.h"
 #include "proxycloth/deform.h"
 #include "proxycloth/evaluate.h"
+#include "proxycloth/evaluate_motion.h"
 #include "proxycloth/export.h"
 
 #endif

@@ -3,9 +3,9 @@
 /// Each visual vertex follows its nearest proxy vertices by translation-only linear blend skinning,
 ///   v_i(t) = v_i(0) + sum_j w_ij (p_j(t) - p_j(0)),                                  equation (6)
 /// with w >= 0 and sum_j w_ij = 1. The weights minimise
-/// lambda_r L_r + lambda_c L_c + lambda_a L_a + lambda_f L_f over the frames: as-rigid-as-possible
-/// over the 1-ring (7), the same over spatial neighbours against collisions (8), attachment of
-/// neighbouring parts (9, 10), and following the proxy (below).
+/// lambda_r L_r + lambda_c L_c + lambda_a L_a + lambda_f L_f + lambda_s L_s over the frames:
+/// as-rigid-as-possible over the 1-ring (7), the same over spatial neighbours against collisions
+/// (8), attachment of neighbouring parts (9, 10), following the proxy and keeping lengths (below).
 ///
 /// The default solver alternates. For given weights the best rotations are found for all vertices
 /// and frames, certified as global optima. For given rotations the energy is quadratic in the
@@ -14,7 +14,7 @@
 /// AdamW over the surrogate w = |s| / sum |s| needs ten to forty times as long for the same loss.
 ///
 /// The paper names no lambdas. Here each loss is divided by the number of frames and by its norm
-/// (L_r, L_c: sum of the squared rest lengths of its directed edges; L_a: sum over the vertices of
+/// (L_r, L_c, L_s: sum of the squared rest lengths of its directed edges; L_a: sum over the vertices of
 /// the squared mean distance to the neighbours; L_f: vertices times the mean square length of the
 /// proxy's edges), so neither the unit nor the resolution matters; epsilon_z is 1/1500 of the
 /// bounding-box diagonal.
@@ -66,6 +66,12 @@ typedef enum pc_skin_solver {
     PC_SKIN_ADAMW,     ///< the paper's
 } pc_skin_solver;
 
+typedef enum pc_skin_weight_storage {
+    PC_SKIN_WEIGHTS_FLOAT, ///< 32-bit floats
+    PC_SKIN_WEIGHTS_U16,   ///< 16-bit integers, each row sums to exactly 65535
+    PC_SKIN_WEIGHTS_U8,    ///< 8-bit integers, each row sums to exactly 255
+} pc_skin_weight_storage;
+
 typedef struct pc_skin_options {
     uint32_t solver;          ///< pc_skin_solver
     uint32_t influences;      ///< K of the result
@@ -75,6 +81,7 @@ typedef struct pc_skin_options {
     double lambda_collision;  ///< lambda_c
     double lambda_attachment; ///< lambda_a
     double lambda_follow;     ///< lambda_f, PC_SKIN_ALTERNATE
+    double lambda_stretch;    ///< lambda_s, PC_SKIN_ALTERNATE
     uint32_t rounds;          ///< passes over all frames at most, PC_SKIN_ALTERNATE
     double round_gain;        ///< a round gains at least this share, PC_SKIN_ALTERNATE
     uint32_t epochs;          ///< passes over all frames
@@ -82,6 +89,9 @@ typedef struct pc_skin_options {
     double learning_rate;
     double weight_decay;
     uint32_t seed;
+    uint32_t max_bones;      ///< of the engine, for the proxy and the reserve; 0: no limit
+    uint32_t reserve_bones;  ///< that the engine uses for something else
+    uint32_t weight_storage; ///< pc_skin_weight_storage, in exported files
 } pc_skin_options;
 
 typedef struct pc_skin_report {
@@ -106,7 +116,7 @@ extern const pc_record pc_skin_report_record;
 /// @param[out] skin     zeroed on entry.
 /// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_OPTIONS; PC_ERROR_TOO_LARGE;
 ///         PC_ERROR_NUMERICAL; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY (Embree);
-///         PC_ERROR_CANCELLED.
+///         PC_ERROR_CANCELLED. TOO_LARGE also when more proxy vertices than bones are free.
 PC_NODISCARD pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface,
                                         const pc_mesh *proxy, const pc_motion *motion,
                                         const pc_skin_options *options, pc_skin *skin,

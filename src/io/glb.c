@@ -135,10 +135,11 @@ static void add_indices(glb_writer *glb, cJSON *primitive, const uint32_t *indic
 
 // ---- skinning weights ---------------------------------------------------------------------------
 
-// Weights as engines take them: float, falling, no joint twice, unused slots joint 0 with weight 0,
-// a sum as close to 1 as floats allow.
+// Weights as engines take them: falling, no joint twice, unused slots joint 0 with weight 0. As
+// floats the sum is as close to 1 as floats allow, as integers it is exactly `whole`.
 typedef struct packed_weights {
     uint32_t slots; // multiple of 4
+    uint32_t whole; // what stands for 1: 255, 65535, or 0 for floats
     uint32_t *joints;
     float *weights;
 } packed_weights;
@@ -177,19 +178,51 @@ static uint32_t pack_row(const uint32_t *bones, const double *weights, uint32_t 
     return used;
 }
 
+// Rounds a row of weights with sum 1 to integers with sum `whole`, all within 1 of their share:
+// each is rounded down, and the largest remainders get one more, ties to the first. Returns how
+// many are above 0; a falling row stays falling.
+static uint32_t round_row(uint32_t whole, uint32_t used, double *remainders, uint32_t *joints,
+                          float *packed) {
+    uint32_t left = whole, kept = 0;
+    for (uint32_t k = 0; k < used; ++k) {
+        const double share = (double)packed[k] * (double)whole;
+        const double low = share < (double)left ? floor(share) : (double)left;
+        remainders[k] = share - low;
+        packed[k] = (float)low;
+        left -= (uint32_t)low;
+    }
+    for (; left > 0; --left) {
+        uint32_t most = 0;
+        for (uint32_t k = 1; k < used; ++k) {
+            most = remainders[k] > remainders[most] ? k : most;
+        }
+        packed[most] += 1.0f;
+        remainders[most] -= 1.0;
+    }
+    for (uint32_t k = 0; k < used; ++k) {
+        joints[k] = packed[k] > 0.0f ? joints[k] : 0;
+        kept += packed[k] > 0.0f;
+    }
+    return kept;
+}
+
 static void pack_weights(glb_writer *glb, const pc_skin *skin, packed_weights *result) {
     const uint32_t influences = skin->influences;
     const size_t slots = skin->vertex_count * influences;
     uint32_t *joints = PCI_SCRATCH(&glb->scratch, uint32_t, slots);
     float *weights = PCI_SCRATCH(&glb->scratch, float, slots);
-    if (joints == NULL || weights == NULL) {
+    double *remainders = PCI_SCRATCH(&glb->scratch, double, influences);
+    if (joints == NULL || weights == NULL || remainders == NULL) {
         return;
     }
     uint32_t most = 1;
     for (size_t v = 0; v < skin->vertex_count; ++v) {
         const size_t row = v * influences;
-        const uint32_t used = pack_row(&skin->bones[row], &skin->weights[row], influences,
-                                       joints + row, weights + row);
+        uint32_t used = pack_row(&skin->bones[row], &skin->weights[row], influences, joints + row,
+                                 weights + row);
+        if (result->whole > 0) {
+            used = round_row(result->whole, used, remainders, joints + row, weights + row);
+        }
         most = used > most ? used : most;
     }
     // Only as many sets of four as any vertex needs.
@@ -204,6 +237,46 @@ static void pack_weights(glb_writer *glb, const pc_skin *skin, packed_weights *r
             result->joints[v * result->slots + k] = joints[v * influences + k];
             result->weights[v * result->slots + k] = weights[v * influences + k];
         }
+    }
+}
+
+static void add_weight_set(glb_writer *glb, cJSON *attributes, const char *name,
+                           const packed_weights *packed, uint32_t set, const uint32_t *rows,
+                           size_t count) {
+    float *floats = NULL;
+    uint8_t *bytes = NULL;
+    if (packed->whole == 0) {
+        floats = add_attribute(glb, attributes, name, count, 4);
+    } else {
+        const bool narrow = packed->whole == UINT8_MAX;
+        bytes = add_view(glb, count * (narrow ? 4 : 8), GL_ARRAY_BUFFER);
+        cJSON *accessor =
+            add_accessor(glb, 0, narrow ? GL_UNSIGNED_BYTE : GL_UNSIGNED_SHORT, count, "VEC4");
+        pci_json_bool(&glb->json, accessor, "normalized", true);
+        pci_json_count(&glb->json, attributes, name, glb->accessor_count - 1);
+    }
+    for (size_t i = 0; i < 4 * count && (floats != NULL || bytes != NULL); ++i) {
+        const size_t v = rows != NULL ? rows[i / 4] : i / 4;
+        const float weight = packed->weights[v * packed->slots + 4 * set + i % 4];
+        if (floats != NULL) {
+            floats[i] = weight;
+        } else if (packed->whole == UINT8_MAX) {
+            bytes[i] = (uint8_t)weight;
+        } else {
+            ((uint16_t *)(void *)bytes)[i] = (uint16_t)weight;
+        }
+    }
+}
+
+// What stands for a weight of 1 in the file.
+static uint32_t weight_whole(const glb_writer *glb) {
+    switch (glb->asset->options.skin.weight_storage) {
+    case PC_SKIN_WEIGHTS_U8:
+        return UINT8_MAX;
+    case PC_SKIN_WEIGHTS_U16:
+        return UINT16_MAX;
+    default:
+        return 0;
     }
 }
 
@@ -231,11 +304,7 @@ static void add_weights(glb_writer *glb, cJSON *attributes, const packed_weights
         pci_json_count(&glb->json, attributes, name, glb->accessor_count - 1);
 
         snprintf(name, sizeof(name), "WEIGHTS_%u", set);
-        float *weights = add_attribute(glb, attributes, name, count, 4);
-        for (size_t i = 0; i < 4 * count && weights != NULL; ++i) {
-            const size_t v = rows != NULL ? rows[i / 4] : i / 4;
-            weights[i] = packed->weights[v * packed->slots + 4 * set + i % 4];
-        }
+        add_weight_set(glb, attributes, name, packed, set, rows, count);
     }
 }
 
@@ -380,7 +449,7 @@ static void add_visual_mesh(glb_writer *glb) {
         .vertices = PCI_SCRATCH(scratch, uint32_t, visual->corner_count),
         .indices = PCI_SCRATCH(scratch, uint32_t, 3 * visual->surface.triangle_count)};
     double *smooth_normals = PCI_SCRATCH(scratch, double, 3 * visual->surface.vertex_count);
-    packed_weights packed = {0};
+    packed_weights packed = {.whole = weight_whole(glb)};
     pack_weights(glb, &glb->asset->skin, &packed);
     if (scratch->failed) {
         return;
@@ -398,6 +467,7 @@ static void add_proxy_mesh(glb_writer *glb) {
     const size_t count = proxy->vertex_count;
     double *directions = PCI_SCRATCH(&glb->scratch, double, 3 * count);
     packed_weights packed = {.slots = 4,
+                             .whole = weight_whole(glb),
                              .joints = PCI_SCRATCH(&glb->scratch, uint32_t, 4 * count),
                              .weights = PCI_SCRATCH(&glb->scratch, float, 4 * count)};
     if (glb->scratch.failed) {
@@ -405,7 +475,7 @@ static void add_proxy_mesh(glb_writer *glb) {
     }
     for (size_t v = 0; v < count; ++v) {
         packed.joints[4 * v] = (uint32_t)v;
-        packed.weights[4 * v] = 1.0f;
+        packed.weights[4 * v] = packed.whole > 0 ? (float)packed.whole : 1.0f;
     }
     char name[64];
     snprintf(name, sizeof(name), "%s_proxy", glb->name);

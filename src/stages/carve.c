@@ -5,6 +5,7 @@
 #include "core/manifold.h"
 #include "core/rim.h"
 #include "core/topology.h"
+#include "stages/border.h"
 #include "stages/outline.h"
 
 static const char stage[] = "carve";
@@ -19,6 +20,8 @@ static const pc_field option_fields[] = {
                      "Parts below this share of the largest part's area are dropped"),
     PCI_FIELD_OPTION(pc_carve_options, fill_loops, UINT, 12, 0, 1000, "edges",
                      "Boundary loops up to this length are filled"),
+    PCI_FIELD_OPTION(pc_carve_options, snap_border, BOOL, 1, 0, 1, "",
+                     "Move the border onto the garment's hems within 1.5 voxels"),
 };
 const pc_record pc_carve_options_record = PCI_RECORD(option_fields, pc_carve_options);
 
@@ -321,6 +324,9 @@ pc_status pc_carve(pc_context *context, const pc_mesh *surface, const pc_mesh *p
     }
     if (status == PC_OK) {
         status = cut(&scratch, visual, &rims, cell_size, &chosen, &layer, &counts);
+    }
+    if (status == PC_OK && chosen.snap_border) {
+        status = pci_snap_border(context, stage, surface, visual, cell_size, &layer);
     }
     if (status == PC_OK) {
         status = measure(&scratch, surface, &layer, cell_size, &counts);

@@ -26,9 +26,8 @@ static void facing_of(const pci_relaxation *r, uint32_t a, uint32_t b, uint32_t 
     }
 }
 
-// Least angle in degrees, negative when the triangle turns away from the fine surface.
-static double least_angle(const double *a, const double *b, const double *c,
-                          const double facing[3]) {
+// Least angle in degrees, 0 for a degenerate triangle.
+static double least_angle(const double *a, const double *b, const double *c) {
     const double squares[3] = {pci_squared_distance(b, c), pci_squared_distance(c, a),
                                pci_squared_distance(a, b)};
     double ab[3], ac[3], normal[3];
@@ -40,26 +39,33 @@ static double least_angle(const double *a, const double *b, const double *c,
     if (!(doubled > 0.0)) {
         return 0.0;
     }
-    const double angle =
-        atan2(2.0 * doubled, squares[0] + squares[1] + squares[2] - 2.0 * shortest) *
-        57.295779513082320877;
-    const double cosine = pci_dot(normal, facing) / (doubled * fmax(pci_norm(facing), 1e-30));
-    return cosine < 0.0 ? -angle : angle;
+    return atan2(2.0 * doubled, squares[0] + squares[1] + squares[2] - 2.0 * shortest) *
+           57.295779513082320877;
 }
 
-static double triangle_angle(const pci_relaxation *r, uint32_t a, uint32_t b, uint32_t c) {
-    double facing[3];
+// Cosine between a triangle and the fine surface at its corners.
+static double facing_cosine(const pci_relaxation *r, uint32_t a, uint32_t b, uint32_t c) {
+    double ab[3], ac[3], normal[3], facing[3];
+    pci_sub(point_of(r, b), point_of(r, a), ab);
+    pci_sub(point_of(r, c), point_of(r, a), ac);
+    pci_cross(ab, ac, normal);
     facing_of(r, a, b, c, facing);
-    return least_angle(point_of(r, a), point_of(r, b), point_of(r, c), facing);
+    return pci_dot(normal, facing) / fmax(pci_norm(normal) * pci_norm(facing), 1e-300);
 }
 
-double pci_least_angle(const pci_relaxation *r, uint32_t v) {
-    double least = INFINITY;
+static double triangle_angle(const pci_relaxation *r, uint32_t t) {
+    const uint32_t *corner = &r->coarse->corners[3 * (size_t)t];
+    return least_angle(point_of(r, corner[0]), point_of(r, corner[1]), point_of(r, corner[2]));
+}
+
+pci_fan_shape pci_shape_of_fan(const pci_relaxation *r, uint32_t v) {
+    pci_fan_shape shape = {INFINITY, 0};
     PCI_FOR_OUTGOING(r->coarse, v, h) {
-        least = fmin(least, triangle_angle(r, v, pci_target(r->coarse, h),
-                                           r->coarse->corners[pci_previous(h)]));
+        const uint32_t *corner = &r->coarse->corners[h - h % 3];
+        shape.angle = fmin(shape.angle, triangle_angle(r, h / 3));
+        shape.turned += facing_cosine(r, corner[0], corner[1], corner[2]) < 0.0;
     }
-    return least;
+    return shape;
 }
 
 typedef struct improvement {
@@ -127,8 +133,9 @@ static double mean_edge(const pci_relaxation *r, uint32_t v) {
 static void reposition(const improvement *m, uint32_t v) {
     pci_relaxation *r = m->r;
     const pci_halfedge *coarse = r->coarse;
-    double best = pci_least_angle(r, v), step = 0.3 * mean_edge(r, v);
-    if (r->pinned[v] || best >= bad_angle) {
+    pci_fan_shape best = pci_shape_of_fan(r, v);
+    double step = 0.3 * mean_edge(r, v);
+    if (r->pinned[v] || best.angle >= bad_angle) {
         return;
     }
     const double allowed = fmax(straying(r, v, PC_INVALID_INDEX), farthest * m->spacing);
@@ -149,9 +156,10 @@ static void reposition(const improvement *m, uint32_t v) {
                 }
                 put(r, v, &start);
                 pci_relax_move(r, v, target);
-                const double angle = pci_least_angle(r, v);
-                if (angle > best && straying(r, v, PC_INVALID_INDEX) <= allowed) {
-                    best = angle;
+                const pci_fan_shape shape = pci_shape_of_fan(r, v);
+                if (shape.angle > best.angle && shape.turned <= best.turned &&
+                    straying(r, v, PC_INVALID_INDEX) <= allowed) {
+                    best = shape;
                     better = place_of(r, v);
                 }
             }
@@ -177,16 +185,12 @@ static double open_angle(const pci_relaxation *r, uint32_t v, uint32_t other, do
             continue;
         }
         const uint32_t b = pci_target(coarse, h), c = coarse->corners[pci_previous(h)];
-        double ab[3], ac[3], normal[3], facing[3];
-        pci_sub(point_of(r, b), point_of(r, v), ab);
-        pci_sub(point_of(r, c), point_of(r, v), ac);
-        pci_cross(ab, ac, normal);
-        facing_of(r, v, b, c, facing);
-        if (pci_dot(normal, facing) < least_facing * pci_norm(normal) * pci_norm(facing) ||
-            pci_norm(ab) > longest || pci_norm(ac) > longest) {
+        const double reach = fmax(pci_squared_distance(point_of(r, v), point_of(r, b)),
+                                  pci_squared_distance(point_of(r, v), point_of(r, c)));
+        if (facing_cosine(r, v, b, c) < least_facing || reach > longest * longest) {
             return -1.0;
         }
-        least = fmin(least, triangle_angle(r, v, b, c));
+        least = fmin(least, least_angle(point_of(r, v), point_of(r, b), point_of(r, c)));
     }
     return least;
 }
@@ -271,10 +275,8 @@ static double split_angle(const improvement *m, uint32_t h) {
     for (size_t s = 0; s < 2 && sides[s] != PC_INVALID_INDEX; ++s) {
         const uint32_t a = pci_origin(coarse, sides[s]), b = pci_target(coarse, sides[s]);
         const uint32_t c = coarse->corners[pci_previous(sides[s])];
-        double facing[3];
-        facing_of(r, a, b, c, facing);
-        least = fmin(least, least_angle(point_of(r, a), middle, point_of(r, c), facing));
-        least = fmin(least, least_angle(middle, point_of(r, b), point_of(r, c), facing));
+        least = fmin(least, least_angle(point_of(r, a), middle, point_of(r, c)));
+        least = fmin(least, least_angle(middle, point_of(r, b), point_of(r, c)));
     }
     return least;
 }
@@ -312,11 +314,6 @@ static void settle(improvement *m, uint32_t v) {
     PCI_FOR_OUTGOING(m->r->coarse, v, h) { reposition(m, pci_target(m->r->coarse, h)); }
 }
 
-static double corners_angle(const pci_relaxation *r, uint32_t t) {
-    const uint32_t *corner = &r->coarse->corners[3 * (size_t)t];
-    return triangle_angle(r, corner[0], corner[1], corner[2]);
-}
-
 // Does to a bad triangle what helps most.
 static void treat(improvement *m, uint32_t t) {
     pci_relaxation *r = m->r;
@@ -324,7 +321,7 @@ static void treat(improvement *m, uint32_t t) {
     for (size_t c = 0; c < 3; ++c) {
         reposition(m, coarse->corners[3 * (size_t)t + c]);
     }
-    if (corners_angle(r, t) >= bad_angle) {
+    if (triangle_angle(r, t) >= bad_angle) {
         return;
     }
     double best = 0.0;
@@ -333,21 +330,21 @@ static void treat(improvement *m, uint32_t t) {
     bool merges = false;
     for (uint32_t c = 0; c < 3; ++c) {
         const uint32_t h = 3 * t + c;
-        const double around = fmin(pci_least_angle(r, pci_origin(coarse, h)),
-                                   pci_least_angle(r, pci_target(coarse, h)));
+        const double around = fmin(pci_shape_of_fan(r, pci_origin(coarse, h)).angle,
+                                   pci_shape_of_fan(r, pci_target(coarse, h)).angle);
         place tried = {{0.0}, 0};
-        const double merged = best_merge(m, h, &tried) - fmax(around, 0.0);
+        const double merged = best_merge(m, h, &tried) - around;
         if (merged > fmax(best, least_gain)) {
             best = merged;
             where = tried;
             edge = h;
             merges = true;
         }
-        double before = corners_angle(r, t);
+        double before = triangle_angle(r, t);
         if (coarse->twins[h] != PC_INVALID_INDEX) {
-            before = fmin(before, corners_angle(r, coarse->twins[h] / 3));
+            before = fmin(before, triangle_angle(r, coarse->twins[h] / 3));
         }
-        const double divided = split_angle(m, h) - fmax(before, 0.0);
+        const double divided = split_angle(m, h) - before;
         if (divided > fmax(best, least_gain)) {
             best = divided;
             edge = h;
@@ -370,7 +367,7 @@ static bool treat_all(pci_scratch *scratch, improvement *m, size_t *count) {
         if (m->r->coarse->corners[3 * (size_t)t] == PC_INVALID_INDEX) {
             continue;
         }
-        const double angle = corners_angle(m->r, t);
+        const double angle = triangle_angle(m->r, t);
         if (angle < bad_angle) {
             ++*count;
             if (!pci_heap_push(scratch, &worst, angle, t)) {
@@ -381,7 +378,7 @@ static bool treat_all(pci_scratch *scratch, improvement *m, size_t *count) {
     pci_heap_entry entry;
     while (pci_heap_pop(&worst, &entry)) {
         if (m->r->coarse->corners[3 * (size_t)entry.item] != PC_INVALID_INDEX &&
-            corners_angle(m->r, entry.item) < bad_angle) {
+            triangle_angle(m->r, entry.item) < bad_angle) {
             treat(m, entry.item);
         }
     }
@@ -495,8 +492,9 @@ bool pci_improve(pci_scratch *scratch, pci_relaxation *r, double spacing, uint32
 // Tries steps in all directions of a cube's corners, faces' and edges' middles.
 static bool widen(pci_relaxation *r, uint32_t v, const double origin[3], double reach) {
     double *at = &r->coarse->positions[3 * (size_t)v];
-    const double before = pci_least_angle(r, v);
-    double best = before, step = 0.5 * reach;
+    const pci_fan_shape before = pci_shape_of_fan(r, v);
+    pci_fan_shape best = before;
+    double step = 0.5 * reach;
     for (size_t level = 0; level < 3; ++level, step *= 0.5) {
         const double start[3] = {at[0], at[1], at[2]};
         double better[3] = {at[0], at[1], at[2]};
@@ -510,16 +508,16 @@ static bool widen(pci_relaxation *r, uint32_t v, const double origin[3], double 
                 at[k] = start[k] + step / length * way[k];
             }
             if (pci_squared_distance(at, origin) <= reach * reach) {
-                const double angle = pci_least_angle(r, v);
-                if (angle > best) {
-                    best = angle;
+                const pci_fan_shape shape = pci_shape_of_fan(r, v);
+                if (shape.angle > best.angle && shape.turned <= best.turned) {
+                    best = shape;
                     memcpy(better, at, sizeof(better));
                 }
             }
         }
         memcpy(at, better, sizeof(better));
     }
-    return best > before;
+    return best.angle > before.angle;
 }
 
 bool pci_widen_slivers(pci_scratch *scratch, pci_relaxation *r, double reach) {
@@ -535,7 +533,7 @@ bool pci_widen_slivers(pci_scratch *scratch, pci_relaxation *r, double reach) {
     for (size_t pass = 0; pass < passes && moved; ++pass) {
         moved = false;
         for (uint32_t v = 0; v < vertices; ++v) {
-            if (pci_least_angle(r, v) < wide_angle) {
+            if (pci_shape_of_fan(r, v).angle < wide_angle) {
                 moved |= widen(r, v, &origins[3 * (size_t)v], reach);
             }
         }

@@ -5,8 +5,13 @@
 
 #include "stages/relax.h"
 
-// Least angle of the triangles at a vertex in degrees, negative where one is turned over.
-double pci_least_angle(const pci_relaxation *relaxation, uint32_t vertex);
+// The triangles at a vertex: their least angle in degrees, and how many of them look away from the
+// fine surface at their corners.
+typedef struct pci_fan_shape {
+    double angle;
+    size_t turned;
+} pci_fan_shape;
+pci_fan_shape pci_shape_of_fan(const pci_relaxation *relaxation, uint32_t vertex);
 
 // Collapses and splits edges around triangles with an angle below 30 degrees where that raises the
 // least angle, then others until the number of vertices is what it was. Vertices and triangles are

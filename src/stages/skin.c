@@ -7,6 +7,8 @@ static const char stage[] = "skin";
 
 static const char *const solver_choices[] = {"alternate", "adamw", NULL};
 
+static const char *const storage_choices[] = {"float", "u16", "u8", NULL};
+
 static const pc_field option_fields[] = {
     PCI_FIELD_CHOICE(pc_skin_options, solver, PC_SKIN_ALTERNATE, 1, solver_choices,
                      "Optimiser of the weights"),
@@ -25,9 +27,11 @@ static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_skin_options, lambda_attachment, DOUBLE, 0.1, 0.0, 1000000.0, "",
                      "Weight of L_a"),
     PCI_FIELD_OPTION(
-        pc_skin_options, lambda_follow, DOUBLE, 1.0, 0.0, 1000000.0, "",
+        pc_skin_options, lambda_follow, DOUBLE, 3.0, 0.0, 1000000.0, "",
         "Weight of L_f, following the closest point of the proxy: more keeps the motion "
         "of the proxy, less gives smoother shape; alternate only"),
+    PCI_FIELD_OPTION(pc_skin_options, lambda_stretch, DOUBLE, 10.0, 0.0, 1000000.0, "",
+                     "Weight of L_s, edges that keep their length; alternate only"),
     PCI_FIELD_OPTION(pc_skin_options, rounds, UINT, 32, 0, 100000, "rounds",
                      "Passes over all frames at most; alternate only"),
     PCI_FIELD_OPTION(pc_skin_options, round_gain, DOUBLE, 0.001, 0.0, 1.0, "",
@@ -43,6 +47,13 @@ static const pc_field option_fields[] = {
                      "Decoupled weight decay of AdamW"),
     PCI_FIELD_OPTION(pc_skin_options, seed, UINT, 1, 0, 4294967295, "",
                      "Seed of the random numbers"),
+    PCI_FIELD_OPTION(pc_skin_options, max_bones, UINT, 0, 0, 65536, "bones",
+                     "Bones that the engine allows, one per proxy vertex and the reserve; an error "
+                     "when they do not suffice. 0: no limit"),
+    PCI_FIELD_OPTION(pc_skin_options, reserve_bones, UINT, 0, 0, 65536, "bones",
+                     "Of max_bones, those that the skeleton of the character needs"),
+    PCI_FIELD_CHOICE(pc_skin_options, weight_storage, PC_SKIN_WEIGHTS_FLOAT, 2, storage_choices,
+                     "Weights in exported files; integers sum to exactly 1"),
 };
 const pc_record pc_skin_options_record = PCI_RECORD(option_fields, pc_skin_options);
 
@@ -102,6 +113,23 @@ static pc_status check_input(pc_context *context, const pc_mesh *surface, const 
         status = pci_begin_stage(context, stage, &pc_skin_options_record, options, chosen);
     }
     return status;
+}
+
+static pc_status check_bones(pc_context *context, const pc_mesh *proxy,
+                             const pc_skin_options *options) {
+    const size_t most = options->max_bones, reserve = options->reserve_bones;
+    if (most == 0 || proxy->vertex_count + reserve <= most) {
+        return PC_OK;
+    }
+    if (reserve >= most) {
+        return pci_fail(context, PC_ERROR_TOO_LARGE, stage,
+                        "skin: reserve_bones = %zu leaves none of max_bones = %zu for the proxy",
+                        reserve, most);
+    }
+    return pci_fail(context, PC_ERROR_TOO_LARGE, stage,
+                    "skin: the proxy has %zu vertices, one bone each, but max_bones = %zu with "
+                    "reserve_bones = %zu leaves %zu; ask for at most %zu proxy vertices",
+                    proxy->vertex_count, most, reserve, most - reserve, most - reserve);
 }
 
 static void set_driver(pci_skin_problem *problem, const pc_mesh *proxy, const pc_motion *motion) {
@@ -204,6 +232,9 @@ pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface, const pc
                            pc_skin_report *report) {
     pc_skin_options chosen;
     pc_status status = check_input(context, surface, proxy, motion, options, &chosen);
+    if (status == PC_OK) {
+        status = check_bones(context, proxy, &chosen);
+    }
     if (status != PC_OK) {
         return status;
     }

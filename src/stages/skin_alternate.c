@@ -207,12 +207,13 @@ void pci_skin_alternation_follow(pci_skin_alternation *a, const pc_mesh *proxy,
 }
 
 bool pci_skin_alternation_weigh(pci_scratch *scratch, pci_skin_alternation *a,
-                                const double lambda[3], double lambda_follow) {
+                                const double lambda[4], double lambda_follow) {
     pci_skin_frames *w = &a->frames;
     const pci_skin_problem *p = w->problem;
     const double factor = w->unit * w->unit * (double)p->frame_count;
-    for (size_t x = 0; x < 3; ++x) {
-        w->data.scale[x] = p->norms[x] > 0.0 ? lambda[x] / (p->norms[x] * factor) : 0.0;
+    for (size_t x = 0; x < 4; ++x) {
+        const double norm = p->norms[x % 3] * factor; // L_s has that of L_r
+        w->data.scale[x] = norm > 0.0 ? lambda[x] / norm : 0.0;
     }
     const double follow_norm = a->spacing * (double)p->vertex_count;
     for (size_t v = 0; v < p->vertex_count; ++v) {

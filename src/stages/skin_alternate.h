@@ -40,9 +40,9 @@ bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *pr
 void pci_skin_alternation_follow(pci_skin_alternation *alternation, const pc_mesh *proxy,
                                  const pci_closest *closest);
 
-// `lambda`: of the losses divided by norm and frame count; of L_f. False: out of memory.
+// `lambda`: of L_r, L_c, L_a, L_s divided by norm and frame count; of L_f. False: out of memory.
 bool pci_skin_alternation_weigh(pci_scratch *scratch, pci_skin_alternation *alternation,
-                                const double lambda[3], double lambda_follow);
+                                const double lambda[4], double lambda_follow);
 
 // At most `rounds` rounds of one pass over the frames and some sweeps; stops when a round lowers
 // the energy by less than `tolerance` of what all rounds of this call have.

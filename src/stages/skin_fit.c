@@ -208,8 +208,8 @@ static void hold_pinned(const pci_skin_fit *f, uint32_t *allowed) {
 
 static pc_status weigh(pci_scratch *scratch, const pci_skin_fit *f, pci_skin_alternation *a) {
     const pc_skin_options *o = f->options;
-    const double lambda[3] = {o->lambda_rigid, f->spatial_share * o->lambda_collision,
-                              f->spatial_share * o->lambda_attachment};
+    const double lambda[4] = {o->lambda_rigid, f->spatial_share * o->lambda_collision,
+                              f->spatial_share * o->lambda_attachment, o->lambda_stretch};
     return pci_skin_alternation_weigh(scratch, a, lambda, o->lambda_follow)
                ? PC_OK
                : pci_fail_memory(f->context, stage);

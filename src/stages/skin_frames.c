@@ -32,6 +32,7 @@ static bool convert_edges(pci_scratch *scratch, const pci_skin_frames *w, const 
     const size_t nv = w->problem->vertex_count;
     void *vectors = pci_skin_reals(scratch, w->kernel, 3 * offsets[nv]);
     void *constants = pci_skin_reals(scratch, w->kernel, 13 * nv);
+    void *lengths = pci_skin_reals(scratch, w->kernel, offsets[nv]);
     if (scratch->failed) {
         return false;
     }
@@ -44,6 +45,7 @@ static bool convert_edges(pci_scratch *scratch, const pci_skin_frames *w, const 
                 e[a] *= w->unit;
                 pci_skin_put(w->kernel, vectors, 3 * k + a, e[a]);
             }
+            pci_skin_put(w->kernel, lengths, k, pci_norm(e));
             for (size_t a = 0; a < 3; ++a) {
                 for (size_t b = 0; b < 3; ++b) {
                     constant[3 * a + b] += e[a] * e[b];
@@ -60,6 +62,7 @@ static bool convert_edges(pci_scratch *scratch, const pci_skin_frames *w, const 
     edges->offsets = offsets;
     edges->targets = targets;
     edges->vectors = vectors;
+    edges->lengths = lengths;
     edges->constants = constants;
     return true;
 }
@@ -300,7 +303,7 @@ pc_status pci_skin_measure(pc_context *context, const pci_skin_problem *problem,
 
 pc_status pci_skin_gradient(pc_context *context, const pci_skin_problem *problem,
                             const pci_skin_kernel *kernel, const double *weights,
-                            const double scale[3], double *gradient) {
+                            const double scale[4], double *gradient) {
     pci_scratch scratch = pci_scratch_begin(context);
     pci_skin_frames w;
     pc_status status = PC_OK;
@@ -308,7 +311,7 @@ pc_status pci_skin_gradient(pc_context *context, const pci_skin_problem *problem
         status = pci_fail_memory(context, stage);
     } else {
         pci_skin_frames_set_weights(&w, weights);
-        for (size_t x = 0; x < 3; ++x) {
+        for (size_t x = 0; x < 4; ++x) {
             w.data.scale[x] = scale[x] / (w.unit * w.unit);
         }
         for (size_t b = 0; b < w.block_count; ++b) {

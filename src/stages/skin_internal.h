@@ -41,7 +41,7 @@ PC_NODISCARD pc_status pci_skin_measure(pc_context *context, const pci_skin_prob
 // in float leave out a part that is constant along each row.
 PC_NODISCARD pc_status pci_skin_gradient(pc_context *context, const pci_skin_problem *problem,
                                          const pci_skin_kernel *kernel, const double *weights,
-                                         const double scale[3], double *gradient);
+                                         const double scale[4], double *gradient);
 
 typedef struct pci_skin_descent {
     double lambda[3]; // of the losses divided by norm and frame count

@@ -7,6 +7,7 @@
 // For fixed rotations (envelope theorem) the gradient by the displacement u_i is, per term,
 //   L_r, L_c:  2 sum_{j in N(i)} r_ij - 2 sum_{j: i in N(j)} r_ji,   r_ij = e_ij(t) - R_i e_ij(0)
 //   L_a:       2 a_i - 2 sum_{j: i in K(j)} Kw_ji a_j,               a_i = V_i - sum_j Kw_ij V_j
+//   L_s:       4 sum_{j in N(i)} (1 - |e_ij(0)| / |e_ij(t)|) e_ij(t)
 // with e_ij = v_i - v_j. It is gathered per vertex, which needs no atomics and no order.
 #ifndef PCI_SKIN_KERNEL_H
 #define PCI_SKIN_KERNEL_H
@@ -20,6 +21,7 @@ typedef struct pci_skin_edges {
     const size_t *offsets;   // #V + 1
     const uint32_t *targets; // j
     const void *vectors;     // e_ij(0), 3 reals per edge
+    const void *lengths;     // |e_ij(0)|, or NULL
     const void *constants;   // #V by 13: sum e e^T (9), sum e (3), 1 / sum |e|^2 or 0
 } pci_skin_edges;
 
@@ -36,7 +38,7 @@ typedef struct pci_skin_data {
     const uint32_t *incoming;       // j with i in K(j)
     const void *incoming_vectors;   // real, e_ij(0), 3 per incoming edge
     const void *incoming_weights;   // real, Kw_ji
-    double scale[3];                // of the gradients of L_r, L_c, L_a
+    double scale[4];                // of the gradients of L_r, L_c, L_a, L_s
 
     const void *driver;  // real, #P by 3 by PCI_BLOCK: displacements of the proxy
     void *displacements; // real, #V by 3 by PCI_BLOCK: u

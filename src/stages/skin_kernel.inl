@@ -3,6 +3,7 @@
 //   INTEGER  integer of the same size
 //   LANES    frames per register, divides PCI_BLOCK
 //   NAME(x)  name of x for this type
+//   SQRT, LENGTH_TOLERANCE  square root; what keeps squared lengths from 0
 //   STEP_TOLERANCE, CURVATURE_TOLERANCE  see NAME(fit_rotation)
 // Vector types, loads and stores go through pointers to REAL, which are aligned to a register.
 
@@ -195,6 +196,27 @@ static inline __attribute__((always_inline)) void NAME(covariance)(const pci_ski
     }
 }
 
+// half of dL_s/du: 2 sum (1 - |e(0)| / |e(t)|) e(t) over the ring.
+static inline __attribute__((always_inline)) void
+NAME(stretch)(const pci_skin_edges *edges, const REAL *displacements, size_t v, size_t lane,
+              VEC sum[3]) {
+    const REAL *e = edges->vectors, *lengths = edges->lengths;
+    const REAL *u = &displacements[3 * PCI_BLOCK * v + lane];
+    sum[0] = sum[1] = sum[2] = (VEC){0};
+    for (size_t k = edges->offsets[v]; k < edges->offsets[v + 1]; ++k) {
+        const REAL *uj = &displacements[3 * PCI_BLOCK * (size_t)edges->targets[k] + lane];
+        const VEC x = e[3 * k] + (LOAD(u) - LOAD(uj));
+        const VEC y = e[3 * k + 1] + (LOAD(u + PCI_BLOCK) - LOAD(uj + PCI_BLOCK));
+        const VEC z = e[3 * k + 2] + (LOAD(u + 2 * PCI_BLOCK) - LOAD(uj + 2 * PCI_BLOCK));
+        VEC length = x * x + y * y + z * z + (REAL)LENGTH_TOLERANCE;
+        for (size_t l = 0; l < LANES; ++l) {
+            length[l] = SQRT(length[l]);
+        }
+        const VEC factor = (REAL)2 - (REAL)2 * lengths[k] / length;
+        sum[0] += factor * x, sum[1] += factor * y, sum[2] += factor * z;
+    }
+}
+
 // The rotations of one term, out = sum e(t), and part += scale * (out - R sum e(0)).
 static inline __attribute__((always_inline)) void
 NAME(fit_term)(const pci_skin_data *data, const pci_skin_edges *edges, size_t v, size_t lane,
@@ -239,7 +261,7 @@ static void NAME(fit)(const pci_skin_data *data, size_t begin, size_t end, pci_s
     REAL *quaternions = data->quaternions, *rotations = data->rotations;
     REAL *residuals = data->residuals;
     const REAL rigid = (REAL)data->scale[0], collision = (REAL)data->scale[1];
-    const REAL attachment = (REAL)data->scale[2];
+    const REAL attachment = (REAL)data->scale[2], stretch = (REAL)data->scale[3];
     for (size_t v = begin; v < end; ++v) {
         for (size_t lane = 0; lane < PCI_BLOCK; lane += LANES) {
             REAL *quaternion = &quaternions[8 * PCI_BLOCK * v + lane];
@@ -284,6 +306,13 @@ static void NAME(fit)(const pci_skin_data *data, size_t begin, size_t end, pci_s
                 for (size_t k = 0; k < 3; ++k) {
                     incoming[k] += incoming_vectors[3 * e + k] +
                                    (LOAD(u + k * PCI_BLOCK) - LOAD(uj + k * PCI_BLOCK));
+                }
+            }
+            if (stretch != 0) {
+                VEC stretched[3];
+                NAME(stretch)(&data->ring, displacements, v, lane, stretched);
+                for (size_t k = 0; k < 3; ++k) {
+                    part[k] += stretch * stretched[k];
                 }
             }
             for (size_t k = 0; k < 3; ++k) {
@@ -383,5 +412,7 @@ const pci_skin_kernel NAME(pci_skin) = {
 #undef INTEGER
 #undef LANES
 #undef NAME
+#undef SQRT
+#undef LENGTH_TOLERANCE
 #undef STEP_TOLERANCE
 #undef CURVATURE_TOLERANCE

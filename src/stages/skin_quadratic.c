@@ -59,15 +59,15 @@ static bool build_incoming(pci_scratch *scratch, const pci_skin_problem *p, inco
 }
 
 // Row i of M / 2.
-static void build_row(const pci_skin_problem *p, const incoming_lists *in, const double scale[3],
+static void build_row(const pci_skin_problem *p, const incoming_lists *in, const double scale[4],
                       uint32_t i, row_builder *b) {
     const size_t k = p->near_count;
     b->row = i;
     b->count = 0;
     add_entry(b, i, 0.0);
     for (size_t e = p->ring_offsets[i]; e < p->ring_offsets[i + 1]; ++e) {
-        add_entry(b, p->ring[e], -2.0 * scale[0]);
-        b->values[i] += 2.0 * scale[0];
+        add_entry(b, p->ring[e], -2.0 * (scale[0] + scale[3]));
+        b->values[i] += 2.0 * (scale[0] + scale[3]);
     }
     // Row r of K is 1 at r and -Kw at K(r).
     for (size_t e = 0; e < k; ++e) {
@@ -86,7 +86,7 @@ static void build_row(const pci_skin_problem *p, const incoming_lists *in, const
     }
 }
 
-static bool build_matrix(pci_scratch *scratch, const pci_skin_problem *p, const double scale[3],
+static bool build_matrix(pci_scratch *scratch, const pci_skin_problem *p, const double scale[4],
                          const double *diagonal, pci_skin_quadratic *q) {
     const size_t nv = p->vertex_count;
     row_builder b = {.values = PCI_SCRATCH(scratch, double, nv),
@@ -224,7 +224,7 @@ static bool colour_groups(pci_scratch *scratch, pci_skin_quadratic *q) {
 }
 
 bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *problem,
-                              const double scale[3], const double *diagonal, const double *gram,
+                              const double scale[4], const double *diagonal, const double *gram,
                               const uint32_t *allowed, pci_skin_quadratic *q) {
     memset(q, 0, sizeof(*q));
     q->context = scratch->context;

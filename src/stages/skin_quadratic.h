@@ -33,7 +33,7 @@ typedef struct pci_skin_quadratic {
 // `scale`: factors of the losses; `diagonal` (#V): what else M / 2 has there. `gram` and `allowed`
 // stay the caller's. False: out of memory.
 bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *problem,
-                              const double scale[3], const double *diagonal, const double *gram,
+                              const double scale[4], const double *diagonal, const double *gram,
                               const uint32_t *allowed, pci_skin_quadratic *quadratic);
 
 // One Gauss-Seidel sweep over all vertices, each minimised exactly over the simplex.

@@ -97,12 +97,13 @@ static void apply(untangling *u) {
         const double length = pci_norm(move) / u->weights[v];
         const double limit = longest_step * u->spacing;
         double share = (length > limit ? limit / length : 1.0) / u->weights[v];
-        const double least = fmin(pci_least_angle(u->relaxation, v), kept_angle);
+        const pci_fan_shape before = pci_shape_of_fan(u->relaxation, v);
         for (size_t attempt = 0; attempt < 3; ++attempt, share *= 0.5) {
             for (size_t k = 0; k < 3; ++k) {
                 at[k] = start[k] + share * move[k];
             }
-            if (pci_least_angle(u->relaxation, v) >= least) {
+            const pci_fan_shape after = pci_shape_of_fan(u->relaxation, v);
+            if (after.angle >= fmin(before.angle, kept_angle) && after.turned <= before.turned) {
                 break;
             }
             memcpy(at, start, sizeof(start));

@@ -49,6 +49,10 @@ expect 2 "command is missing"
 expect 2 'no command "bild"; did you mean build' bild
 expect 2 'no command "xyzzy"; see' xyzzy
 expect 2 "an input is missing" build
+expect 2 "an input is missing" evaluate cloth.obj
+expect 2 "no option --motion" build cloth.obj --motion
+expect 2 "crossing_frames = 100001 is out of range" evaluate --motion a.h5 --crossing-frames 100001
+expect 3 "cloth.obj: this is no asset file" evaluate --motion cloth.obj
 expect 2 "-o OUTDIR is missing" build cloth.obj
 expect 2 "-o ASSET is missing" voxelize cloth.obj
 expect 2 "one argument too many" info cloth.obj cloth.obj
@@ -133,6 +137,7 @@ expect 4 "missing/out.h5" voxelize cloth.obj -o missing/out.h5
 expect 3 "cloth.h5: stage isosurface has not run yet" label cloth.h5
 expect 3 "cloth.h5: stage isosurface has not run yet" export cloth.h5 -o out
 expect 3 "cloth.h5: the asset has no proxy yet" evaluate cloth.h5 cloth.h5
+expect 3 "cloth.h5: the asset has no proxy yet" evaluate --motion cloth.h5
 head -c 1000 cloth.h5 >short.h5
 expect 3 "short.h5.*cut off" info short.h5
 (cat cloth.h5; printf x) >long.h5

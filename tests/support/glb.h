@@ -103,6 +103,9 @@ static inline double *read_accessor(const glb *g, size_t index, size_t *count) {
                     : type == 5125 ? (double)u32_at(at)
                     : type == 5123 ? (double)(at[0] | at[1] << 8)
                                    : (double)at[0];
+        if (cJSON_IsTrue(cJSON_GetObjectItem(accessor, "normalized"))) {
+            values[i] /= type == 5123 ? 65535.0 : 255.0;
+        }
     }
     return values;
 }

@@ -166,6 +166,7 @@ static void glb_poses_like_equation_6(void **state) {
     for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); ++i) {
         pc_asset asset;
         fixture_asset(context, rows[i].influences, &asset);
+        asset.options.skin.weight_storage = PC_SKIN_WEIGHTS_FLOAT;
         assert_ok(context, pc_export_glb(context, &asset, path));
         glb g = read_glb(path);
         const cJSON *primitive =
@@ -191,6 +192,7 @@ static void glb_grows_its_indices(void **state) {
     pc_context *context = test_context(1);
     pc_asset asset;
     fixture_asset(context, 4, &asset);
+    asset.options.skin.weight_storage = PC_SKIN_WEIGHTS_FLOAT;
     pc_visual_free(context, &asset.visual);
     pc_mesh_free(context, &asset.proxy);
     pc_motion_free(context, &asset.motion);
@@ -361,6 +363,7 @@ static void glb_packs_weights(void **state) {
     pc_context *context = test_context(1);
     pc_asset asset;
     fixture_asset(context, 4, &asset);
+    asset.options.skin.weight_storage = PC_SKIN_WEIGHTS_FLOAT;
     static const uint32_t bones[4] = {3, 9, 3, 1};
     static const double weights[4] = {0.2, 0.4, 0.4, 1e-60};
     memcpy(asset.skin.bones, bones, sizeof(bones));
@@ -379,6 +382,62 @@ static void glb_packs_weights(void **state) {
     free(packed);
     free(joints);
     free_glb(&g);
+    pc_asset_free(context, &asset);
+    pc_context_destroy(context);
+}
+
+// Integers: the sum of every vertex is exactly 1. Posed, the garment is where it should be.
+static void glb_rounds_weights_to_exact_sums(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_asset asset;
+    fixture_asset(context, 8, &asset);
+    for (size_t i = 0; i < asset.skin.vertex_count; ++i) {
+        double sum = 0.0;
+        for (size_t k = 8 * i; k < 8 * i + 8; ++k) {
+            asset.skin.bones[k] = (uint32_t)(k % 8);
+            asset.skin.weights[k] = pow(pci_random(1, i, k), i % 3 == 0 ? 9.0 : 2.0);
+            sum += asset.skin.weights[k];
+        }
+        for (size_t k = 8 * i; k < 8 * i + 8; ++k) {
+            asset.skin.weights[k] /= sum;
+        }
+    }
+    for (uint32_t storage = PC_SKIN_WEIGHTS_U16; storage <= PC_SKIN_WEIGHTS_U8; ++storage) {
+        const double whole = storage == PC_SKIN_WEIGHTS_U8 ? 255.0 : 65535.0;
+        asset.options.skin.weight_storage = storage;
+        assert_ok(context, pc_export_glb(context, &asset, path));
+        glb g = read_glb(path);
+        assert_buffers_are_sound(&g);
+        for (size_t mesh = 0; mesh < 2; ++mesh) { // the garment, the proxy
+            const cJSON *primitive =
+                cJSON_GetArrayItem(child(element(&g, "meshes", mesh), "primitives"), 0);
+            const cJSON *attributes = child(primitive, "attributes");
+            const cJSON *accessor = element(&g, "accessors", number(attributes, "WEIGHTS_0"));
+            assert_true(cJSON_IsTrue(child(accessor, "normalized")));
+            assert_int_equal(number(accessor, "componentType"),
+                             storage == PC_SKIN_WEIGHTS_U8 ? 5121 : 5123);
+            size_t count = 0;
+            double *low = read_attribute(&g, primitive, "WEIGHTS_0", &count);
+            double *high = mesh == 0 ? read_attribute(&g, primitive, "WEIGHTS_1", &count) : NULL;
+            double *joints = read_attribute(&g, primitive, "JOINTS_0", &count);
+            for (size_t i = 0; i < count; ++i) {
+                double sum = 0.0;
+                for (size_t k = 0; k < 8; ++k) {
+                    const double *set = k < 4 ? low : high;
+                    const double weight = set != NULL ? set[4 * i + k % 4] : 0.0;
+                    assert_true(k >= 4 || weight > 0.0 || joints[4 * i + k] == 0.0);
+                    assert_close(weight * whole, round(weight * whole), 1e-9);
+                    sum += weight * whole;
+                }
+                assert_close(sum, whole, 1e-9);
+            }
+            free(low);
+            free(high);
+            free(joints);
+        }
+        free_glb(&g);
+    }
     pc_asset_free(context, &asset);
     pc_context_destroy(context);
 }
@@ -703,6 +762,7 @@ int main(void) {
         cmocka_unit_test(glb_describes_the_asset),
         cmocka_unit_test(glb_has_unit_normals),
         cmocka_unit_test(glb_packs_weights),
+        cmocka_unit_test(glb_rounds_weights_to_exact_sums),
         cmocka_unit_test(glb_is_reproducible),
         cmocka_unit_test(glb_refuses_what_it_cannot_hold),
         cmocka_unit_test(glb_survives_lack_of_memory),

@@ -93,7 +93,8 @@ static void gradients_match_the_fixtures(void **state) {
         load_fixture(fixture_names[i], 2, &f);
         double *gradient = calloc(f.count, sizeof(double));
         double *chained = calloc(f.count, sizeof(double));
-        double *lambda = expected(&f, "lambda_", 3);
+        double *given = expected(&f, "lambda_", 3);
+        const double lambda[4] = {given[0], given[1], given[2], 0.0};
         size_t count = 0;
         assert_ok(f.context, pci_skin_gradient(f.context, &f.problem, pci_skin_kernel_double(),
                                                f.weights, lambda, gradient));
@@ -104,14 +105,14 @@ static void gradients_match_the_fixtures(void **state) {
         free(reference);
         for (size_t x = 0; x < 3 && i == 0; ++x) {
             static const char *const files[] = {"gradW_r.csv", "gradW_c.csv", "gradW_a.csv"};
-            const double scale[3] = {x == 0, x == 1, x == 2};
+            const double scale[4] = {x == 0, x == 1, x == 2};
             assert_ok(f.context, pci_skin_gradient(f.context, &f.problem, pci_skin_kernel_double(),
                                                    f.weights, scale, gradient));
             reference = test_read_numbers(path_of(&f, files[x]), &count);
             assert_vectors_close(gradient, reference, f.count, 1e-10);
             free(reference);
         }
-        free(lambda);
+        free(given);
         free(gradient);
         free(chained);
         free_fixture(&f);
@@ -366,7 +367,7 @@ static void gradient_matches_central_differences(void **state) {
     shake(&f, 5, 0.1);
     double *gradient = calloc(f.count, sizeof(double));
     for (size_t x = 0; x < 3; ++x) {
-        const double scale[3] = {x == 0, x == 1, x == 2};
+        const double scale[4] = {x == 0, x == 1, x == 2};
         assert_ok(f.context, pci_skin_gradient(f.context, &f.problem, pci_skin_kernel_double(),
                                                f.weights, scale, gradient));
         const double size = norm_of(gradient, f.count) / sqrt((double)f.count);
@@ -388,13 +389,59 @@ static void gradient_matches_central_differences(void **state) {
     free_fixture(&f);
 }
 
+// sum (|e_ij(t)| - |e_ij(0)|)^2 over directed 1-ring edges and frames.
+static double plain_stretch(const fixture *f) {
+    const pci_skin_problem *p = &f->problem;
+    const pc_skin skin = {.vertex_count = p->vertex_count,
+                          .influences = p->slots,
+                          .bones = f->bones,
+                          .weights = f->weights};
+    double *moved = calloc(3 * p->vertex_count, sizeof(double)), sum = 0.0;
+    for (size_t t = 0; t < p->frame_count; ++t) {
+        pc_skin_deform(&skin, p->rest, p->proxy_rest, &p->frames[3 * p->proxy_count * t], moved);
+        for (size_t v = 0; v < p->vertex_count; ++v) {
+            for (size_t e = p->ring_offsets[v]; e < p->ring_offsets[v + 1]; ++e) {
+                const size_t j = p->ring[e];
+                const double strain = sqrt(pci_squared_distance(&moved[3 * v], &moved[3 * j])) -
+                                      sqrt(pci_squared_distance(&p->rest[3 * v], &p->rest[3 * j]));
+                sum += strain * strain;
+            }
+        }
+    }
+    free(moved);
+    return sum;
+}
+
+static void stretch_gradient_matches_central_differences(void **state) {
+    (void)state;
+    fixture f;
+    load_fixture("tiny", 1, &f);
+    shake(&f, 5, 0.1);
+    double *gradient = calloc(f.count, sizeof(double));
+    const double scale[4] = {0.0, 0.0, 0.0, 1.0};
+    assert_ok(f.context, pci_skin_gradient(f.context, &f.problem, pci_skin_kernel_double(),
+                                           f.weights, scale, gradient));
+    const double size = norm_of(gradient, f.count) / sqrt((double)f.count);
+    for (size_t i = 0; i < f.count; ++i) {
+        const double weight = f.weights[i], step = 1e-5;
+        f.weights[i] = weight + step;
+        const double high = plain_stretch(&f);
+        f.weights[i] = weight - step;
+        const double low = plain_stretch(&f);
+        f.weights[i] = weight;
+        assert_close(gradient[i], (high - low) / (2.0 * step), 1e-6 * size);
+    }
+    free(gradient);
+    free_fixture(&f);
+}
+
 // In float the rows lack a constant, so the gradients are compared after the chain rule.
 static void float_gradient_matches_double(void **state) {
     (void)state;
     for (size_t i = 0; i < 3; ++i) {
         fixture f;
         load_fixture(fixture_names[i], 1, &f);
-        const double scale[3] = {1.0, 1.0, 0.1};
+        const double scale[4] = {1.0, 1.0, 0.1, 2.0};
         double *gradients[2], *chained[2];
         for (size_t k = 0; k < 2; ++k) {
             gradients[k] = calloc(f.count, sizeof(double));
@@ -429,7 +476,7 @@ static void instruction_sets_agree(void **state) {
     for (size_t type = 0; type < 2; ++type) {
         double *first = calloc(f.count, sizeof(double)), *other = calloc(f.count, sizeof(double));
         pci_skin_measures measures[3];
-        const double scale[3] = {1.0, 1.0, 0.1};
+        const double scale[4] = {1.0, 1.0, 0.1, 2.0};
         for (size_t i = 0; i < 3; ++i) {
             if (usable[i]) {
                 assert_ok(f.context, pci_skin_gradient(f.context, &f.problem, kernels[type][i],
@@ -492,6 +539,7 @@ static void beats_the_closest_triangle(void **state) {
         pc_skin_options options;
         pc_record_set_defaults(&pc_skin_options_record, &options);
         options.lambda_follow = 0.0; // the paper's losses alone
+        options.lambda_stretch = 0.0;
         assert_ok(f.context, pc_skin_optimize(f.context, &f.visual, &f.proxy, &train, &options,
                                               &skin, &report));
         assert_valid_skin(&skin, f.visual.vertex_count, f.proxy.vertex_count);
@@ -561,6 +609,7 @@ static void collisions_do_not_cost_the_shape(void **state) {
     pc_skin_options options = quick_options();
     options.epochs = 60;
     options.lambda_follow = 0.0;
+    options.lambda_stretch = 0.0;
     pc_skin_report report;
     for (options.solver = 0; options.solver <= PC_SKIN_ADAMW; ++options.solver) {
         pc_skin skin = {0}, free_skin = {0};
@@ -751,6 +800,16 @@ static void errors_leave_nothing(void **state) {
     pc_skin_options options = quick_options();
     options.influences = 0;
     assert_int_equal(OPTIMIZE(&options), PC_ERROR_INVALID_OPTIONS);
+    options = quick_options();
+    options.max_bones = 4;
+    options.reserve_bones = 2;
+    assert_int_equal(OPTIMIZE(&options), PC_ERROR_TOO_LARGE);
+    assert_non_null(strstr(pc_context_error(context)->message, "at most 2 proxy vertices"));
+    options.reserve_bones = 4;
+    assert_int_equal(OPTIMIZE(&options), PC_ERROR_TOO_LARGE);
+    assert_non_null(strstr(pc_context_error(context)->message, "reserve_bones = 4 leaves none"));
+    options.reserve_bones = 1; // just enough: goes on until it is cancelled
+    assert_int_equal(OPTIMIZE(&options), PC_ERROR_CANCELLED);
     frames[13] = NAN;
     assert_int_equal(OPTIMIZE(NULL), PC_ERROR_NUMERICAL);
     assert_non_null(strstr(pc_context_error(context)->message, "frame 1"));
@@ -829,6 +888,7 @@ int main(void) {
         cmocka_unit_test(losses_match_the_fixtures),
         cmocka_unit_test(gradients_match_the_fixtures),
         cmocka_unit_test(gradient_matches_central_differences),
+        cmocka_unit_test(stretch_gradient_matches_central_differences),
         cmocka_unit_test(float_gradient_matches_double),
 #if defined(__x86_64__)
         cmocka_unit_test(instruction_sets_agree),

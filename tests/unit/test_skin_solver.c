@@ -130,7 +130,7 @@ static void the_cheapest_slot_goes(void **state) {
 // ---- the quadratic ------------------------------------------------------------------------------
 
 static const char *const moving_names[] = {"dress796", "fedora"};
-static const double lambda_all[3] = {1.0, 1.0, 0.1};
+static const double lambda_all[4] = {1.0, 1.0, 0.1, 0.0};
 
 typedef struct solver {
     fixture f;
@@ -167,6 +167,8 @@ static void the_matrix_is_that_of_the_losses(void **state) {
     solver s;
     open_solver("fedora", 4, 1, 0.7, &s);
     const pci_skin_problem *p = &s.f.problem;
+    const double lambda[4] = {1.0, 0.5, 0.1, 2.0};
+    assert_true(pci_skin_alternation_weigh(&s.f.scratch, &s.a, lambda, 0.7));
     const pci_skin_quadratic *q = &s.a.quadratic;
     const double *scale = s.a.frames.data.scale;
     const size_t nv = p->vertex_count;
@@ -183,7 +185,7 @@ static void the_matrix_is_that_of_the_losses(void **state) {
             }
             double attached = u[v];
             for (size_t e = p->ring_offsets[v]; e < p->ring_offsets[v + 1]; ++e) {
-                direct += scale[0] * (u[v] - u[p->ring[e]]) * (u[v] - u[p->ring[e]]);
+                direct += (scale[0] + scale[3]) * (u[v] - u[p->ring[e]]) * (u[v] - u[p->ring[e]]);
             }
             for (size_t e = v * p->near_count; e < (v + 1) * p->near_count; ++e) {
                 direct += scale[1] * (u[v] - u[p->near[e]]) * (u[v] - u[p->near[e]]);
@@ -336,7 +338,7 @@ static void stops_at_a_stationary_point(void **state) {
     double *w = calloc(f->count, sizeof(double)), *g = calloc(f->count, sizeof(double));
     memcpy(w, f->weights, f->count * sizeof(double));
     assert_ok(f->context, pci_skin_alternation_run(&s.a, 1500, 0.0, 0.0, 1.0, w));
-    double scale[3], before = 0.0, after = 0.0;
+    double scale[4] = {0.0}, before = 0.0, after = 0.0;
     for (size_t x = 0; x < 3; ++x) {
         scale[x] = lambda_all[x] / (p->norms[x] * (double)p->frame_count);
     }
@@ -441,6 +443,7 @@ static double motion_ratio(const fixture *f, double lambda_follow) {
     pc_skin_options options;
     pc_record_set_defaults(&pc_skin_options_record, &options);
     options.lambda_follow = lambda_follow;
+    options.lambda_stretch = 0.0;
     assert_ok(f->context,
               pc_skin_optimize(f->context, &f->visual, &f->proxy, &train, &options, &skin, NULL));
     assert_ok(f->context, pc_skin_closest_triangle(f->context, &f->visual, &f->proxy, &closest));

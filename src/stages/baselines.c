@@ -1,0 +1,252 @@
+#include "proxycloth/baselines.h"
+
+#include "core/knn.h"
+#include "core/sparse.h"
+#include "core/topology.h"
+
+static const char stage[] = "baselines";
+
+enum { LARGEST_INFLUENCES = 32, COLUMNS = 16 }; // proxy vertices whose heat flows at a time
+
+static pc_status check(pc_context *context, const pc_mesh *surface, const pc_mesh *proxy,
+                       uint32_t influences, const pc_skin *skin) {
+    pc_status status = pci_check_mesh(context, stage, surface, "visual mesh");
+    if (status == PC_OK) {
+        status = pci_check_mesh(context, stage, proxy, "proxy mesh");
+    }
+    if (status == PC_OK && (influences == 0 || influences > LARGEST_INFLUENCES || skin == NULL ||
+                            skin->bones != NULL || skin->weights != NULL)) {
+        status = pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                          "%s: %u influences are not within 1..%d, or the output is not empty",
+                          stage, influences, LARGEST_INFLUENCES);
+    }
+    return status;
+}
+
+static bool allocate_rows(pc_context *context, size_t vertex_count, uint32_t influences,
+                          pc_skin *skin) {
+    skin->vertex_count = vertex_count;
+    skin->influences = influences;
+    skin->bones = PCI_ALLOCATE(context, uint32_t, vertex_count * influences);
+    skin->weights = PCI_ALLOCATE(context, double, vertex_count *influences);
+    return skin->bones != NULL && skin->weights != NULL;
+}
+
+// Puts a weight into a row of the largest ones, which falls; ties stay in order of insertion.
+static void insert(uint32_t *bones, double *weights, uint32_t slots, uint32_t bone, double weight) {
+    uint32_t at = slots;
+    while (at > 0 && weights[at - 1] < weight) {
+        --at;
+    }
+    for (uint32_t k = slots; k-- > at + 1;) {
+        bones[k] = bones[k - 1];
+        weights[k] = weights[k - 1];
+    }
+    if (at < slots) {
+        bones[at] = bone;
+        weights[at] = weight;
+    }
+}
+
+static void scale_rows(pc_skin *skin) {
+    for (size_t v = 0; v < skin->vertex_count; ++v) {
+        uint32_t *bones = &skin->bones[v * skin->influences];
+        double *weights = &skin->weights[v * skin->influences], sum = 0.0;
+        for (uint32_t k = 0; k < skin->influences; ++k) {
+            sum += weights[k];
+        }
+        for (uint32_t k = 0; k < skin->influences; ++k) {
+            weights[k] /= sum;
+            bones[k] = weights[k] > 0.0 ? bones[k] : bones[0];
+        }
+    }
+}
+
+pc_status pc_skin_inverse_distance(pc_context *context, const pc_mesh *surface,
+                                   const pc_mesh *proxy, uint32_t influences, pc_skin *skin) {
+    pc_status status = check(context, surface, proxy, influences, skin);
+    if (status != PC_OK) {
+        return status;
+    }
+    const uint32_t slots =
+        influences < proxy->vertex_count ? influences : (uint32_t)proxy->vertex_count;
+    const double spare = 1e-6 * pci_diagonal(proxy);
+    pci_scratch scratch = pci_scratch_begin(context);
+    pci_knn knn;
+    if (!allocate_rows(context, surface->vertex_count, slots, skin) ||
+        !pci_knn_build(&scratch, proxy->vertex_count, proxy->positions, &knn)) {
+        status = pci_fail_memory(context, stage);
+        pc_skin_free(context, skin);
+    }
+    for (size_t v = 0; v < skin->vertex_count; ++v) {
+        double *weights = &skin->weights[v * slots];
+        pci_knn_query(&knn, &surface->positions[3 * v], slots, PC_INVALID_INDEX,
+                      &skin->bones[v * slots], weights);
+        for (uint32_t k = 0; k < slots; ++k) {
+            weights[k] = 1.0 / (sqrt(weights[k]) + spare);
+        }
+    }
+    scale_rows(skin);
+    pci_scratch_end(&scratch);
+    return status;
+}
+
+// ---- heat ---------------------------------------------------------------------------------------
+
+// M + t L by columns, and M.
+typedef struct heat {
+    size_t *offsets; // #V + 1
+    uint32_t *rows;
+    double *values;
+    double *masses; // #V
+} heat;
+
+static double mean_edge_length(const pc_mesh *mesh, const pci_topology *topology) {
+    double sum = 0.0;
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        sum += sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)topology->edges[2 * e]],
+                                         &mesh->positions[3 * (size_t)topology->edges[2 * e + 1]]));
+    }
+    return topology->edge_count > 0 ? sum / (double)topology->edge_count : 0.0;
+}
+
+// Cotangent of the angle at corner c, at least 0; 0 in triangles without area.
+static double cotangent(const pc_mesh *mesh, size_t triangle, size_t c) {
+    const uint32_t *corner = &mesh->triangles[3 * triangle];
+    double a[3], b[3], cross[3];
+    pci_sub(&mesh->positions[3 * (size_t)corner[(c + 1) % 3]],
+            &mesh->positions[3 * (size_t)corner[c]], a);
+    pci_sub(&mesh->positions[3 * (size_t)corner[(c + 2) % 3]],
+            &mesh->positions[3 * (size_t)corner[c]], b);
+    pci_cross(a, b, cross);
+    const double sine = pci_norm(cross), cosine = pci_dot(a, b);
+    return sine > 1e-6 * sqrt(pci_dot(a, a) * pci_dot(b, b)) && cosine > 0.0 ? cosine / sine : 0.0;
+}
+
+static void add_entry(const heat *h, uint32_t column, uint32_t row, double value) {
+    size_t at = h->offsets[column];
+    while (h->rows[at] != row) {
+        ++at;
+    }
+    h->values[at] += value;
+}
+
+static bool build_heat(pci_scratch *scratch, const pc_mesh *surface, double time, heat *h) {
+    const size_t nv = surface->vertex_count;
+    pci_topology topology;
+    if (!pci_topology_build(scratch, surface, &topology)) {
+        return false;
+    }
+    const size_t entries = nv + topology.ring_offsets[nv];
+    h->offsets = PCI_SCRATCH(scratch, size_t, nv + 1);
+    h->rows = PCI_SCRATCH(scratch, uint32_t, entries);
+    h->values = PCI_SCRATCH(scratch, double, entries);
+    h->masses = PCI_SCRATCH(scratch, double, nv);
+    if (scratch->failed) {
+        return false;
+    }
+    size_t next = 0;
+    for (size_t v = 0; v < nv; ++v) {
+        h->offsets[v] = next;
+        bool placed = false;
+        for (size_t e = topology.ring_offsets[v]; e < topology.ring_offsets[v + 1]; ++e) {
+            if (!placed && topology.ring[e] > v) {
+                h->rows[next++] = (uint32_t)v;
+                placed = true;
+            }
+            h->rows[next++] = topology.ring[e];
+        }
+        if (!placed) {
+            h->rows[next++] = (uint32_t)v;
+        }
+    }
+    h->offsets[nv] = next;
+    double total = 0.0;
+    for (size_t t = 0; t < surface->triangle_count; ++t) {
+        const uint32_t *corner = &surface->triangles[3 * t];
+        const double area = pci_triangle_area(surface, t);
+        total += area;
+        for (size_t c = 0; c < 3; ++c) {
+            h->masses[corner[c]] += area / 3.0;
+            const uint32_t a = corner[(c + 1) % 3], b = corner[(c + 2) % 3];
+            const double value = 0.5 * time * cotangent(surface, t, c);
+            if (a != b && value > 0.0) {
+                add_entry(h, a, b, -value);
+                add_entry(h, b, a, -value);
+                add_entry(h, a, a, value);
+                add_entry(h, b, b, value);
+            }
+        }
+    }
+    // Vertices without area keep their weights.
+    for (size_t v = 0; v < nv; ++v) {
+        h->masses[v] += 1e-12 * total / (double)nv;
+        add_entry(h, (uint32_t)v, (uint32_t)v, h->masses[v]);
+    }
+    return true;
+}
+
+// Lets the weights of `COLUMNS` proxy vertices flow at a time and keeps the largest of each row.
+static pc_status flow(pc_context *context, const heat *h, const pc_skin *closest,
+                      size_t proxy_count, pc_skin *skin) {
+    const size_t nv = skin->vertex_count;
+    pci_cholesky *cholesky = NULL;
+    pci_scratch scratch = pci_scratch_begin(context);
+    double *columns = PCI_SCRATCH(&scratch, double, nv *COLUMNS);
+    pc_status status = columns == NULL ? pci_fail_memory(context, stage)
+                                       : pci_cholesky_create(context, stage, nv, h->offsets,
+                                                             h->rows, h->values, &cholesky);
+    for (size_t first = 0; first < proxy_count && status == PC_OK; first += COLUMNS) {
+        memset(columns, 0, nv * COLUMNS * sizeof(*columns));
+        for (size_t i = 0; i < 3 * nv; ++i) {
+            if (closest->bones[i] >= first && closest->bones[i] < first + COLUMNS) {
+                columns[i / 3 * COLUMNS + closest->bones[i] - first] +=
+                    h->masses[i / 3] * closest->weights[i];
+            }
+        }
+        status = pci_progress(context, stage, (double)first / (double)proxy_count)
+                     ? pci_cholesky_solve(context, cholesky, COLUMNS, columns, columns)
+                     : pci_fail_cancelled(context, stage);
+        for (size_t i = 0; i < nv * COLUMNS && status == PC_OK; ++i) {
+            const size_t row = i / COLUMNS * skin->influences;
+            if (columns[i] > 0.0) {
+                insert(&skin->bones[row], &skin->weights[row], skin->influences,
+                       (uint32_t)(first + i % COLUMNS), columns[i]);
+            }
+        }
+    }
+    pci_cholesky_destroy(context, cholesky);
+    pci_scratch_end(&scratch);
+    return status;
+}
+
+pc_status pc_skin_heat_smoothed(pc_context *context, const pc_mesh *surface, const pc_mesh *proxy,
+                                uint32_t influences, pc_skin *skin) {
+    pc_status status = check(context, surface, proxy, influences, skin);
+    pc_skin closest = {0};
+    if (status == PC_OK) {
+        status = pc_skin_closest_triangle(context, surface, proxy, &closest);
+    }
+    if (status != PC_OK) {
+        return status;
+    }
+    pci_scratch scratch = pci_scratch_begin(context);
+    pci_topology topology;
+    heat h = {0};
+    bool built = pci_topology_build(&scratch, proxy, &topology);
+    if (built) {
+        const double reach = 0.25 * mean_edge_length(proxy, &topology);
+        built = build_heat(&scratch, surface, reach * reach, &h) &&
+                allocate_rows(context, surface->vertex_count, influences, skin);
+    }
+    status = built ? flow(context, &h, &closest, proxy->vertex_count, skin)
+                   : pci_fail_memory(context, stage);
+    if (status == PC_OK) {
+        scale_rows(skin);
+    } else {
+        pc_skin_free(context, skin);
+    }
+    pci_scratch_end(&scratch);
+    pc_skin_free(context, &closest);
+    return status;
+}

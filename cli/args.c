@@ -120,6 +120,9 @@ static int unknown_option(const cli_command *command, const char *name, const ch
     if ((command->accepts & CLI_NAME) != 0) {
         cli_guess_add(&guess, "name");
     }
+    if ((command->accepts & CLI_SCENARIO) != 0) {
+        cli_guess_add(&guess, "scenario");
+    }
     if (guess.best[0] != '\0') {
         return cli_fail(command->name, CLI_USAGE, "no option --%s%s; did you mean --%s%s?", no,
                         name, no, guess.best);
@@ -180,7 +183,9 @@ static int match_text(const cli_command *command, cli_arguments *arguments, flag
                         (command->accepts & (CLI_OUTPUT_FILE | CLI_OUTPUT_FOLDER)) != 0;
     const bool name = strcmp(flag->name, "name") == 0 && (command->accepts & CLI_NAME) != 0;
     const bool mesh = strcmp(flag->name, "mesh") == 0 && (command->accepts & CLI_MESH) != 0;
-    if ((!output && !name && !mesh) || flag->negated) {
+    const bool scenario =
+        strcmp(flag->name, "scenario") == 0 && (command->accepts & CLI_SCENARIO) != 0;
+    if ((!output && !name && !mesh && !scenario) || flag->negated) {
         return CLI_OK;
     }
     flag->known = true;
@@ -192,6 +197,8 @@ static int match_text(const cli_command *command, cli_arguments *arguments, flag
         arguments->output = text;
     } else if (name) {
         arguments->name = text;
+    } else if (scenario) {
+        arguments->scenario = text;
     } else {
         arguments->patterns[arguments->pattern_count++] = text;
     }
@@ -302,6 +309,27 @@ static bool split_flag(const char *word, const char *next, flag_word *result) {
     return true;
 }
 
+// Options of the scenario file, wherever its flag stands: the other flags override them.
+static int read_scenario_options(const cli_command *command, pc_context *context, int count,
+                                 char **words, cli_arguments *arguments) {
+    const char *path = NULL;
+    for (int i = 0; i < count && strcmp(words[i], "--") != 0; ++i) {
+        if (strcmp(words[i], "--scenario") == 0 && i + 1 < count) {
+            path = words[i + 1];
+        } else if (strncmp(words[i], "--scenario=", strlen("--scenario=")) == 0) {
+            path = words[i] + strlen("--scenario=");
+        }
+    }
+    if (path == NULL || (command->accepts & CLI_SCENARIO) == 0) {
+        return CLI_OK;
+    }
+    pc_scenario scenario = {0};
+    const pc_status status =
+        pc_scenario_read(context, path, &arguments->options.simulate, &scenario);
+    pc_scenario_free(context, &scenario);
+    return status == PC_OK ? CLI_OK : cli_fail_status(command->name, context, status, path, false);
+}
+
 static int parse_words(const cli_command *command, pc_context *context, int count, char **words,
                        cli_arguments *arguments) {
     bool flags_end = false;
@@ -355,7 +383,10 @@ int cli_parse(const cli_command *command, int count, char **words, cli_arguments
     if (arguments->patterns == NULL || pc_context_create(&options, &context) != PC_OK) {
         code = cli_fail(command->name, CLI_FAILED, "memory ran out");
     } else {
-        code = parse_words(command, context, count, words, arguments);
+        code = read_scenario_options(command, context, count, words, arguments);
+        if (code == CLI_OK) {
+            code = parse_words(command, context, count, words, arguments);
+        }
     }
     pc_context_destroy(context);
     return code;

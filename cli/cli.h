@@ -46,7 +46,8 @@ typedef enum cli_accepts {
     CLI_JSON = 1 << 4,          // --json
     CLI_PNG = 1 << 5,           // --png
     CLI_MOTION = 1 << 6,        // --motion and its options
-    CLI_PARTS = 1 << 7          // --parts
+    CLI_SCENARIO = 1 << 7,      // --scenario
+    CLI_PARTS = 1 << 8          // --parts
 } cli_accepts;
 
 enum { CLI_MAXIMUM_LEVELS = 16 };
@@ -54,8 +55,9 @@ enum { CLI_MAXIMUM_LEVELS = 16 };
 typedef struct cli_arguments {
     const char *inputs[2];
     size_t input_count;
-    const char *output; // NULL: not given
-    const char *name;   // NULL: not given
+    const char *output;   // NULL: not given
+    const char *name;     // NULL: not given
+    const char *scenario; // file; its options are in `options`, flags override them
     const char **patterns;
     size_t pattern_count;
     bool help;
@@ -162,6 +164,10 @@ int cli_extend_name(const cli_command *command, const char *base, const char *ki
 // Loads an asset file.
 int cli_load_asset(const cli_command *command, pc_context *context, const char *path,
                    pc_asset *asset);
+
+// Reads the scenario of --scenario, or leaves the paper's, in place of what the asset has.
+int cli_load_scenario(const cli_command *command, const cli_arguments *arguments,
+                      pc_context *context, pc_asset *asset);
 
 // ---- output -------------------------------------------------------------------------------------
 

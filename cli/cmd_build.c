@@ -90,6 +90,8 @@ typedef struct build_run {
     const cli_command *command;
     const cli_arguments *arguments;
     pc_context *context;
+    const scene_data *scene;
+    const uint8_t *chosen; // per part of the scene
     cli_output *output;
     pc_asset *assets;    // per garment
     pc_timings *timings; // per garment
@@ -170,12 +172,17 @@ static int take_garments(build_run *r, pc_visual *visual, const pc_visual_report
 // Runs the stages that do not depend on the number of vertices.
 static int build_layer(build_run *r, size_t garment) {
     pc_asset *asset = &r->assets[garment];
-    for (pc_stage stage = 0; stage < PC_STAGE_SIMPLIFY; ++stage) {
-        const pc_status status =
+    const int code = cli_load_scenario(r->command, r->arguments, r->context, asset);
+    if (code != CLI_OK) {
+        return code;
+    }
+    pc_status status = scene_character(r->scene, r->chosen, r->context, &asset->character);
+    for (pc_stage stage = 0; stage < PC_STAGE_SIMPLIFY && status == PC_OK; ++stage) {
+        status =
             pc_run_stage(r->context, stage, &r->arguments->options, asset, &r->timings[garment]);
-        if (status != PC_OK) {
-            return fail_garment(r, status, asset);
-        }
+    }
+    if (status != PC_OK) {
+        return fail_garment(r, status, asset);
     }
     warn(r->command, r->arguments, asset, "visual", &pc_visual_report_record,
          &asset->reports.visual);
@@ -245,10 +252,10 @@ static int build_level(build_run *r, uint32_t vertices, uint32_t level) {
     return code;
 }
 
-static int build(build_run *r, const scene_data *scene, const uint8_t *chosen) {
+static int build(build_run *r) {
     pc_visual visual = {0};
     pc_visual_report report;
-    const pc_status status = scene_visual(scene, chosen, r->context, &visual, &report);
+    const pc_status status = scene_visual(r->scene, r->chosen, r->context, &visual, &report);
     if (status != PC_OK) {
         return cli_fail_status(r->command->name, r->context, status, r->arguments->inputs[0],
                                false);
@@ -300,7 +307,9 @@ int cli_run_build(const cli_command *command, cli_arguments *arguments) {
     }
     if (code == CLI_OK) {
         r.context = context;
-        code = build(&r, &scene, chosen);
+        r.scene = &scene;
+        r.chosen = chosen;
+        code = build(&r);
     }
     cli_output_end(&output);
     for (size_t i = 0; i < r.garment_count; ++i) {

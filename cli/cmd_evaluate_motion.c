@@ -37,7 +37,11 @@ static int simulate(comparison *c) {
                  (unsigned)seed);
     }
     options.seed = seed;
-    const pc_status status = pc_simulate(c->context, &c->asset.proxy, &options, &c->motion, NULL);
+    const pc_simulate_inputs inputs = {.proxy = &c->asset.proxy,
+                                       .scenario = &c->asset.scenario,
+                                       .visual = &c->asset.visual,
+                                       .character = &c->asset.character};
+    const pc_status status = pc_simulate_scenario(c->context, &inputs, &options, &c->motion, NULL);
     return status == PC_OK ? CLI_OK
                            : cli_fail_status(c->command->name, c->context, status,
                                              c->arguments->inputs[0], false);

@@ -15,8 +15,10 @@ static int import_visual(const cli_command *command, const cli_arguments *argume
     if (code != CLI_OK) {
         return code;
     }
-    const pc_status status =
-        scene_visual(scene, chosen, context, &asset->visual, &asset->reports.visual);
+    pc_status status = scene_visual(scene, chosen, context, &asset->visual, &asset->reports.visual);
+    if (status == PC_OK) {
+        status = scene_character(scene, chosen, context, &asset->character);
+    }
     if (status != PC_OK) {
         return cli_fail_status(command->name, context, status, arguments->inputs[0], false);
     }
@@ -80,6 +82,12 @@ static int run(const cli_command *command, const cli_arguments *arguments, pc_co
         return cli_fail(command->name, CLI_INPUT,
                         "%s: stage %s has not run yet; run 'proxycloth %s' first", input,
                         next->name, next->name);
+    }
+    if (command->stage == PC_STAGE_SIMULATE) {
+        const int code = cli_load_scenario(command, arguments, context, asset);
+        if (code != CLI_OK) {
+            return code;
+        }
     }
     const char *output = arguments->output != NULL ? arguments->output : input;
     if (arguments->level_count > 0) {

@@ -26,6 +26,7 @@ typedef struct node_entry {
     const struct aiNode *node;
     affine world;
     size_t order;
+    size_t parent; // in the order of the tree; SIZE_MAX: none
 } node_entry;
 
 // All corner attributes, compared as bytes; no padding.
@@ -40,7 +41,10 @@ typedef struct scene_reader {
     const struct aiScene *source;
     node_entry *nodes; // in the order of the tree, then sorted by name
     size_t node_capacity;
-    scene_data scene; // arrays that grow
+    affine map;          // of the file's axes and unit
+    uint32_t *joint_of;  // per node in the order of the tree, UINT32_MAX: no joint
+    size_t *joint_nodes; // node of each joint
+    scene_data scene;    // arrays that grow
     size_t part_capacity, vertex_capacity, triangle_capacity;
 } scene_reader;
 
@@ -161,15 +165,17 @@ static void transform_normal(const affine *a, const struct aiVector3D *v, float 
 
 // ---- nodes --------------------------------------------------------------------------------------
 
-static void collect_nodes(scene_reader *reader, const struct aiNode *node, const affine *parent) {
+static void collect_nodes(scene_reader *reader, const struct aiNode *node, size_t parent) {
     const affine local = from_assimp(&node->mTransformation);
-    const affine world = multiply(parent, &local);
+    const affine world =
+        multiply(parent != SIZE_MAX ? &reader->nodes[parent].world : &reader->map, &local);
     const size_t index = reader->scene.header.node_count++;
     reader->nodes =
         grow(reader, reader->nodes, &reader->node_capacity, index + 1, sizeof(*reader->nodes));
-    reader->nodes[index] = (node_entry){.node = node, .world = world, .order = index};
+    reader->nodes[index] =
+        (node_entry){.node = node, .world = world, .order = index, .parent = parent};
     for (unsigned i = 0; i < node->mNumChildren; ++i) {
-        collect_nodes(reader, node->mChildren[i], &world);
+        collect_nodes(reader, node->mChildren[i], index);
     }
 }
 
@@ -235,6 +241,238 @@ static affine *skin_maps(scene_reader *reader, const struct aiMesh *mesh, const 
     }
     free(sums);
     return maps;
+}
+
+// ---- joints and poses ---------------------------------------------------------------------------
+
+// Numbers the nodes that vertices follow, in the order of the tree: bones, and nodes of rigid
+// meshes where anything is animated.
+static void collect_joints(scene_reader *reader, const node_entry *by_name) {
+    scene_data *s = &reader->scene;
+    const size_t count = s->header.node_count;
+    bool skinned = false;
+    reader->joint_of = allocate(reader, count, sizeof(*reader->joint_of));
+    reader->joint_nodes = allocate(reader, count, sizeof(*reader->joint_nodes));
+    for (unsigned i = 0; i < reader->source->mNumMeshes; ++i) {
+        const struct aiMesh *mesh = reader->source->mMeshes[i];
+        for (unsigned b = 0; b < mesh->mNumBones; ++b) {
+            if (mesh->mBones[b]->mNumWeights != 0) {
+                reader->joint_of[find_node(reader, by_name, mesh->mBones[b]->mName.data)->order] =
+                    1;
+                skinned = true;
+            }
+        }
+    }
+    for (size_t n = 0; n < count; ++n) {
+        const struct aiNode *node = reader->nodes[n].node;
+        for (unsigned i = 0; i < node->mNumMeshes; ++i) {
+            const bool rigid = node->mMeshes[i] < reader->source->mNumMeshes &&
+                               reader->source->mMeshes[node->mMeshes[i]]->mNumBones == 0;
+            if (rigid && (skinned || reader->source->mNumAnimations != 0)) {
+                reader->joint_of[n] = 1;
+            }
+        }
+    }
+    s->joints = allocate(reader, count, sizeof(*s->joints));
+    for (size_t n = 0; n < count; ++n) {
+        if (reader->joint_of[n] == 0) {
+            reader->joint_of[n] = UINT32_MAX;
+            continue;
+        }
+        scene_joint *joint = &s->joints[s->header.joint_count];
+        cli_clean_text(joint->name, sizeof(joint->name), reader->nodes[n].node->mName.data);
+        for (size_t k = 0; k < 3; ++k) {
+            joint->center[k] = reader->nodes[n].world.m[4 * k + 3];
+        }
+        reader->joint_nodes[s->header.joint_count] = n;
+        reader->joint_of[n] = (uint32_t)s->header.joint_count++;
+    }
+}
+
+// The four largest weights of each vertex of a mesh; `joints` and `weights` are #vertices by 4.
+static void read_weights(scene_reader *reader, const struct aiMesh *mesh, const node_entry *entry,
+                         const node_entry *by_name, uint32_t *joints, float *weights) {
+    for (unsigned b = 0; b < mesh->mNumBones; ++b) {
+        const struct aiBone *bone = mesh->mBones[b];
+        const uint32_t joint =
+            bone->mNumWeights != 0
+                ? reader->joint_of[find_node(reader, by_name, bone->mName.data)->order]
+                : 0;
+        for (unsigned w = 0; w < bone->mNumWeights; ++w) {
+            const size_t first = 4 * (size_t)bone->mWeights[w].mVertexId;
+            const float weight = bone->mWeights[w].mWeight;
+            size_t least = first;
+            for (size_t k = first; k < first + 4; ++k) {
+                least = weights[k] < weights[least] ? k : least;
+            }
+            if (weight > weights[least]) {
+                joints[least] = joint;
+                weights[least] = weight;
+            }
+        }
+    }
+    // What has no weight hangs on its node.
+    const uint32_t own = reader->joint_of[entry->order];
+    for (size_t v = 0; v < mesh->mNumVertices && own != UINT32_MAX; ++v) {
+        if (!(weights[4 * v] + weights[4 * v + 1] + weights[4 * v + 2] + weights[4 * v + 3] >
+              0.0F)) {
+            joints[4 * v] = own;
+            weights[4 * v] = 1.0F;
+        }
+    }
+}
+
+static void key_vector(const struct aiVectorKey *keys, unsigned count, double time, double out[3]) {
+    unsigned next = 0;
+    while (next < count && keys[next].mTime <= time) {
+        ++next;
+    }
+    const struct aiVectorKey *a = &keys[next > 0 ? next - 1 : 0];
+    const struct aiVectorKey *b = &keys[next < count ? next : count - 1];
+    const double share = b->mTime > a->mTime ? (time - a->mTime) / (b->mTime - a->mTime) : 0.0;
+    const double from[3] = {(double)a->mValue.x, (double)a->mValue.y, (double)a->mValue.z};
+    const double to[3] = {(double)b->mValue.x, (double)b->mValue.y, (double)b->mValue.z};
+    for (size_t k = 0; k < 3; ++k) {
+        out[k] = from[k] + share * (to[k] - from[k]);
+    }
+}
+
+// A unit quaternion x, y, z, w: linear between the keys, on the shorter way, then normalised; keys
+// are dense enough for that.
+static void key_rotation(const struct aiQuatKey *keys, unsigned count, double time, double q[4]) {
+    unsigned next = 0;
+    while (next < count && keys[next].mTime <= time) {
+        ++next;
+    }
+    const struct aiQuatKey *a = &keys[next > 0 ? next - 1 : 0];
+    const struct aiQuatKey *b = &keys[next < count ? next : count - 1];
+    double share = b->mTime > a->mTime ? (time - a->mTime) / (b->mTime - a->mTime) : 0.0;
+    const double from[4] = {(double)a->mValue.x, (double)a->mValue.y, (double)a->mValue.z,
+                            (double)a->mValue.w};
+    const double to[4] = {(double)b->mValue.x, (double)b->mValue.y, (double)b->mValue.z,
+                          (double)b->mValue.w};
+    double cosine = 0.0, length = 0.0;
+    for (size_t k = 0; k < 4; ++k) {
+        cosine += from[k] * to[k];
+    }
+    for (size_t k = 0; k < 4; ++k) {
+        q[k] = (1.0 - share) * from[k] + (cosine < 0.0 ? -share : share) * to[k];
+        length += q[k] * q[k];
+    }
+    length = sqrt(length);
+    for (size_t k = 0; k < 4; ++k) {
+        q[k] = length > 0.0 ? q[k] / length : (k == 3 ? 1.0 : 0.0);
+    }
+}
+
+// Translation, rotation and scale of a node at a time in ticks.
+static affine channel_at(const struct aiNodeAnim *channel, double time) {
+    double t[3] = {0.0, 0.0, 0.0}, q[4] = {0.0, 0.0, 0.0, 1.0}, s[3] = {1.0, 1.0, 1.0};
+    if (channel->mNumPositionKeys != 0) {
+        key_vector(channel->mPositionKeys, channel->mNumPositionKeys, time, t);
+    }
+    if (channel->mNumRotationKeys != 0) {
+        key_rotation(channel->mRotationKeys, channel->mNumRotationKeys, time, q);
+    }
+    if (channel->mNumScalingKeys != 0) {
+        key_vector(channel->mScalingKeys, channel->mNumScalingKeys, time, s);
+    }
+    const double x = q[0], y = q[1], z = q[2], w = q[3];
+    const affine result = {{s[0] * (1 - 2 * (y * y + z * z)), s[1] * 2 * (x * y - z * w),
+                            s[2] * 2 * (x * z + y * w), t[0], s[0] * 2 * (x * y + z * w),
+                            s[1] * (1 - 2 * (x * x + z * z)), s[2] * 2 * (y * z - x * w), t[1],
+                            s[0] * 2 * (x * z - y * w), s[1] * 2 * (y * z + x * w),
+                            s[2] * (1 - 2 * (x * x + y * y)), t[2]}};
+    return result;
+}
+
+// Inverse of an affine map; false where it has none.
+static bool invert(const affine *a, affine *out) {
+    double c[9];
+    const double determinant = cofactors(a, c);
+    if (!(fabs(determinant) > 1e-30)) {
+        return false;
+    }
+    for (size_t row = 0; row < 3; ++row) {
+        out->m[4 * row + 3] = 0.0;
+        for (size_t k = 0; k < 3; ++k) {
+            out->m[4 * row + k] = c[3 * k + row] / determinant;
+            out->m[4 * row + 3] -= out->m[4 * row + k] * a->m[4 * k + 3];
+        }
+    }
+    return true;
+}
+
+// The maps of all joints at a time: from where they are in the rest pose to where they are now.
+static void read_pose(scene_reader *reader, const struct aiNodeAnim *const *channels, double ticks,
+                      affine *worlds, const affine *inverses, float *pose) {
+    for (size_t n = 0; n < reader->scene.header.node_count; ++n) {
+        const node_entry *entry = &reader->nodes[n];
+        const affine local = channels[n] != NULL ? channel_at(channels[n], ticks)
+                                                 : from_assimp(&entry->node->mTransformation);
+        worlds[n] =
+            multiply(entry->parent != SIZE_MAX ? &worlds[entry->parent] : &reader->map, &local);
+    }
+    for (size_t j = 0; j < reader->scene.header.joint_count; ++j) {
+        const affine map = multiply(&worlds[reader->joint_nodes[j]], &inverses[j]);
+        for (size_t k = 0; k < 12; ++k) {
+            pose[12 * j + k] = (float)map.m[k];
+        }
+    }
+}
+
+// Samples every animation 60 times a second, the last pose exactly at its end; fewer times where
+// that would be more than fits.
+static void read_poses(scene_reader *reader) {
+    static const size_t most_maps = (size_t)1 << 21;
+    scene_data *s = &reader->scene;
+    const size_t nodes = s->header.node_count, joints = s->header.joint_count;
+    if (joints == 0 || s->header.animation_count == 0) {
+        return;
+    }
+    double rate = 60.0, total = 0.0;
+    for (size_t a = 0; a < s->header.animation_count; ++a) {
+        total += s->animations[a].seconds;
+    }
+    while (rate > 1.0 && total * rate * (double)joints > (double)most_maps) {
+        rate *= 0.5;
+    }
+    affine *worlds = allocate(reader, nodes, sizeof(*worlds));
+    affine *inverses = allocate(reader, joints, sizeof(*inverses));
+    const struct aiNodeAnim **channels = allocate(reader, nodes, sizeof(*channels));
+    for (size_t j = 0; j < joints; ++j) {
+        if (!invert(&reader->nodes[reader->joint_nodes[j]].world, &inverses[j])) {
+            inverses[j] = identity; // a joint without extent moves nothing
+        }
+    }
+    size_t capacity = 0;
+    for (size_t a = 0; a < s->header.animation_count; ++a) {
+        const struct aiAnimation *in = reader->source->mAnimations[a];
+        scene_animation *out = &s->animations[a];
+        if (!(out->seconds >= 0.0 && out->seconds * rate < (double)most_maps)) {
+            continue; // no usable length
+        }
+        const double steps = floor(out->seconds * rate + 0.5);
+        out->first_pose = s->header.pose_count;
+        out->pose_count = (uint64_t)steps + 1;
+        out->rate = steps > 0.0 ? steps / out->seconds : rate;
+        s->poses = grow(reader, s->poses, &capacity,
+                        (s->header.pose_count + out->pose_count) * joints, 12 * sizeof(float));
+        for (size_t n = 0; n < nodes; ++n) {
+            channels[n] = NULL;
+            for (unsigned c = 0; c < in->mNumChannels && channels[n] == NULL; ++c) {
+                if (strcmp(in->mChannels[c]->mNodeName.data, reader->nodes[n].node->mName.data) ==
+                    0) {
+                    channels[n] = in->mChannels[c];
+                }
+            }
+        }
+        for (size_t p = 0; p < out->pose_count; ++p) {
+            const double share = steps > 0.0 ? (double)p / steps : 0.0;
+            read_pose(reader, channels, share * in->mDuration, worlds, inverses,
+                      &s->poses[12 * joints * s->header.pose_count++]);
+        }
+    }
 }
 
 // ---- units and axes -----------------------------------------------------------------------------
@@ -357,20 +595,26 @@ static void reserve(scene_reader *reader, size_t vertices, size_t triangles) {
     capacity = reader->vertex_capacity;
     s->normals = grow(reader, s->normals, &capacity, vertices, 3 * sizeof(float));
     capacity = reader->vertex_capacity;
+    s->vertex_joints = grow(reader, s->vertex_joints, &capacity, vertices, 4 * sizeof(uint32_t));
+    capacity = reader->vertex_capacity;
+    s->vertex_weights = grow(reader, s->vertex_weights, &capacity, vertices, 4 * sizeof(float));
+    capacity = reader->vertex_capacity;
     s->texcoords = grow(reader, s->texcoords, &capacity, vertices, 2 * sizeof(float));
     s->colors = grow(reader, s->colors, &reader->vertex_capacity, vertices, 4 * sizeof(float));
     s->triangles =
         grow(reader, s->triangles, &reader->triangle_capacity, triangles, 3 * sizeof(uint32_t));
 }
 
-static void store_vertices(scene_data *s, const corner_data *corners, const uint32_t *firsts,
-                           size_t count) {
+static void store_vertices(scene_data *s, const corner_data *corners, const uint32_t *joints,
+                           const float *weights, const uint32_t *firsts, size_t count) {
     for (size_t i = 0, v = s->header.vertex_count; i < count; ++i, ++v) {
         const corner_data *c = &corners[firsts[i]];
         memcpy(&s->positions[3 * v], c->position, sizeof(c->position));
         memcpy(&s->normals[3 * v], c->normal, sizeof(c->normal));
         memcpy(&s->texcoords[2 * v], c->texcoord, sizeof(c->texcoord));
         memcpy(&s->colors[4 * v], c->color, sizeof(c->color));
+        memcpy(&s->vertex_joints[4 * v], &joints[4 * firsts[i]], 4 * sizeof(*joints));
+        memcpy(&s->vertex_weights[4 * v], &weights[4 * firsts[i]], 4 * sizeof(*weights));
     }
 }
 
@@ -405,7 +649,10 @@ static void add_part(scene_reader *reader, const node_entry *entry, const struct
     corner_data *corners = allocate(reader, count, sizeof(*corners));
     uint32_t *numbers = allocate(reader, count, sizeof(*numbers));
     uint32_t *firsts = allocate(reader, count, sizeof(*firsts));
+    uint32_t *joints = allocate(reader, count, 4 * sizeof(*joints));
+    float *weights = allocate(reader, count, 4 * sizeof(*weights));
     affine *maps = mesh->mNumBones != 0 ? skin_maps(reader, mesh, &entry->world, by_name) : NULL;
+    read_weights(reader, mesh, entry, by_name, joints, weights);
     for (size_t v = 0; v < count; ++v) {
         read_corner(mesh, v, maps != NULL ? &maps[v] : &entry->world, &corners[v]);
     }
@@ -429,10 +676,12 @@ static void add_part(scene_reader *reader, const node_entry *entry, const struct
     double unused[9];
     const affine *sample = maps != NULL && count != 0 ? &maps[0] : &entry->world;
     store_triangles(reader, mesh, numbers, cofactors(sample, unused) < 0.0);
-    store_vertices(s, corners, firsts, distinct);
+    store_vertices(s, corners, joints, weights, firsts, distinct);
     s->header.vertex_count += distinct;
     part->triangle_count = s->header.triangle_count - part->first_triangle;
     free(corners);
+    free(joints);
+    free(weights);
     free(numbers);
     free(firsts);
     free(maps);
@@ -595,6 +844,9 @@ static const struct aiScene *import(scene_reader *reader, const char *path, scen
     if (format == SCENE_GLB || format == SCENE_GLTF) {
         check_json(reader, bytes, size, format);
     }
+    if (format == SCENE_GLB) {
+        bytes = scene_unpack_glb(bytes, &size);
+    }
     // Files that refer to others are read through their path; the others from memory, where the
     // hint decides about the importer.
     const struct aiScene *source =
@@ -620,21 +872,27 @@ static void send(scene_reader *reader) {
         fail(reader, "more than 2^31 elements");
     }
     s->header.size = at[SCENE_ARRAYS];
-    const void *arrays[SCENE_ARRAYS] = {s->parts,   s->materials, s->animations, s->positions,
-                                        s->normals, s->texcoords, s->colors,     s->triangles};
-    const size_t sizes[SCENE_ARRAYS] = {s->header.part_count * sizeof(scene_part),
-                                        s->header.material_count * sizeof(pc_material),
-                                        s->header.animation_count * sizeof(scene_animation),
-                                        s->header.vertex_count * 3 * sizeof(double),
-                                        s->header.vertex_count * 3 * sizeof(float),
-                                        s->header.vertex_count * 2 * sizeof(float),
-                                        s->header.vertex_count * 4 * sizeof(float),
-                                        s->header.triangle_count * 3 * sizeof(uint32_t)};
+    const scene_header *h = &s->header;
+    const struct {
+        const void *array;
+        size_t size;
+    } arrays[SCENE_ARRAYS] = {{s->parts, h->part_count * sizeof(scene_part)},
+                              {s->materials, h->material_count * sizeof(pc_material)},
+                              {s->animations, h->animation_count * sizeof(scene_animation)},
+                              {s->positions, h->vertex_count * 3 * sizeof(double)},
+                              {s->normals, h->vertex_count * 3 * sizeof(float)},
+                              {s->texcoords, h->vertex_count * 2 * sizeof(float)},
+                              {s->colors, h->vertex_count * 4 * sizeof(float)},
+                              {s->triangles, h->triangle_count * 3 * sizeof(uint32_t)},
+                              {s->joints, h->joint_count * sizeof(scene_joint)},
+                              {s->poses, h->pose_count * h->joint_count * 12 * sizeof(float)},
+                              {s->vertex_joints, h->vertex_count * 4 * sizeof(uint32_t)},
+                              {s->vertex_weights, h->vertex_count * 4 * sizeof(float)}};
     const char zeros[8] = {0};
     write_all(reader->descriptor, &s->header, sizeof(s->header));
     for (size_t i = 0; i < SCENE_ARRAYS; ++i) {
-        write_all(reader->descriptor, arrays[i], sizes[i]);
-        write_all(reader->descriptor, zeros, (size_t)(at[i + 1] - at[i]) - sizes[i]);
+        write_all(reader->descriptor, arrays[i].array, arrays[i].size);
+        write_all(reader->descriptor, zeros, (size_t)(at[i + 1] - at[i]) - arrays[i].size);
     }
 }
 
@@ -643,13 +901,15 @@ int scene_read(const char *path, scene_format format, int descriptor) {
     reader.source = import(&reader, path, format);
     scene_data *s = &reader.scene;
     strncpy(s->header.format, scene_format_name(format), sizeof(s->header.format) - 1);
-    const affine map = scene_map(reader.source, format);
-    collect_nodes(&reader, reader.source->mRootNode, &map);
+    reader.map = scene_map(reader.source, format);
+    collect_nodes(&reader, reader.source->mRootNode, SIZE_MAX);
     node_entry *by_name = allocate(&reader, s->header.node_count, sizeof(*by_name));
     memcpy(by_name, reader.nodes, s->header.node_count * sizeof(*by_name));
     qsort(by_name, s->header.node_count, sizeof(*by_name), compare_nodes);
     read_materials(&reader);
+    collect_joints(&reader, by_name);
     read_animations(&reader);
+    read_poses(&reader);
     for (size_t n = 0; n < s->header.node_count; ++n) {
         const struct aiNode *node = reader.nodes[n].node;
         for (unsigned i = 0; i < node->mNumMeshes; ++i) {

@@ -67,6 +67,21 @@ int cli_load_asset(const cli_command *command, pc_context *context, const char *
     return code;
 }
 
+int cli_load_scenario(const cli_command *command, const cli_arguments *arguments,
+                      pc_context *context, pc_asset *asset) {
+    pc_scenario_free(context, &asset->scenario);
+    if (arguments->scenario == NULL) {
+        return CLI_OK;
+    }
+    // The options were taken when the command line was read.
+    pc_simulate_options options = arguments->options.simulate;
+    const pc_status status =
+        pc_scenario_read(context, arguments->scenario, &options, &asset->scenario);
+    return status == PC_OK
+               ? CLI_OK
+               : cli_fail_status(command->name, context, status, arguments->scenario, false);
+}
+
 int scene_import_selected(const cli_command *command, const cli_arguments *arguments,
                           const char *path, scene_data *scene, uint8_t **chosen) {
     *chosen = NULL;

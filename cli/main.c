@@ -29,7 +29,7 @@ static const cli_command commands_before[] = {
                 "see --up-axis. FBX and DAE files are converted to metres and y up.\n",
      .minimum_inputs = 1,
      .maximum_inputs = 1,
-     .accepts = CLI_OUTPUT_FOLDER | CLI_NAME | CLI_MESH | CLI_PNG | CLI_PARTS,
+     .accepts = CLI_OUTPUT_FOLDER | CLI_NAME | CLI_MESH | CLI_PNG | CLI_SCENARIO | CLI_PARTS,
      .stages = all_stages,
      .run = cli_run_build},
 };
@@ -97,6 +97,8 @@ static cli_command stage_command(pc_stage stage) {
         command.details = "INPUT is a mesh or scene file, or an asset file whose visual mesh is "
                           "taken.\n";
         command.accepts |= CLI_NAME | CLI_MESH;
+    } else if (stage == PC_STAGE_SIMULATE) {
+        command.accepts |= CLI_SCENARIO;
     }
     return command;
 }

@@ -2,25 +2,36 @@
 #include "scene.h"
 
 #include <fnmatch.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 bool scene_layout(const scene_header *header, uint64_t offsets[SCENE_ARRAYS + 1]) {
     const uint64_t limit = (uint64_t)1 << 31;
-    const uint64_t counts[SCENE_ARRAYS] = {header->part_count,      header->material_count,
-                                           header->animation_count, header->vertex_count,
-                                           header->vertex_count,    header->vertex_count,
-                                           header->vertex_count,    header->triangle_count};
-    const uint64_t sizes[SCENE_ARRAYS] = {
-        sizeof(scene_part), sizeof(pc_material), sizeof(scene_animation), 3 * sizeof(double),
-        3 * sizeof(float),  2 * sizeof(float),   4 * sizeof(float),       3 * sizeof(uint32_t)};
+    if (header->joint_count >= limit || header->pose_count >= limit) {
+        return false;
+    }
+    const struct {
+        uint64_t count, size;
+    } arrays[SCENE_ARRAYS] = {{header->part_count, sizeof(scene_part)},
+                              {header->material_count, sizeof(pc_material)},
+                              {header->animation_count, sizeof(scene_animation)},
+                              {header->vertex_count, 3 * sizeof(double)},
+                              {header->vertex_count, 3 * sizeof(float)},
+                              {header->vertex_count, 2 * sizeof(float)},
+                              {header->vertex_count, 4 * sizeof(float)},
+                              {header->triangle_count, 3 * sizeof(uint32_t)},
+                              {header->joint_count, sizeof(scene_joint)},
+                              {header->pose_count * header->joint_count, 12 * sizeof(float)},
+                              {header->vertex_count, 4 * sizeof(uint32_t)},
+                              {header->vertex_count, 4 * sizeof(float)}};
     uint64_t offset = sizeof(scene_header);
     for (size_t i = 0; i < SCENE_ARRAYS; ++i) {
-        if (counts[i] >= limit) {
+        if (arrays[i].count >= limit) {
             return false;
         }
         offsets[i] = offset;
-        offset += (counts[i] * sizes[i] + 7) / 8 * 8;
+        offset += (arrays[i].count * arrays[i].size + 7) / 8 * 8;
     }
     offsets[SCENE_ARRAYS] = offset;
     return true;
@@ -58,6 +69,37 @@ static const char *check_parts(const scene_data *scene) {
                : NULL;
 }
 
+// Joints, poses and weights; whatever is not finite would spread.
+static const char *check_joints(const scene_data *scene) {
+    const scene_header *h = &scene->header;
+    for (size_t j = 0; j < h->joint_count; ++j) {
+        const double *at = scene->joints[j].center;
+        if (!terminated(scene->joints[j].name, PC_NAME_SIZE) || !isfinite(at[0]) ||
+            !isfinite(at[1]) || !isfinite(at[2])) {
+            return "a damaged joint";
+        }
+    }
+    for (size_t i = 0; i < 12 * h->pose_count * h->joint_count; ++i) {
+        if (!isfinite(scene->poses[i])) {
+            return "a pose that is not finite";
+        }
+    }
+    for (size_t i = 0; i < 4 * h->vertex_count; ++i) {
+        if (!(scene->vertex_weights[i] >= 0.0F && scene->vertex_weights[i] <= 1e6F) ||
+            (h->joint_count != 0 && scene->vertex_joints[i] >= h->joint_count)) {
+            return "a weight out of range";
+        }
+    }
+    for (size_t i = 0; i < h->animation_count; ++i) {
+        const scene_animation *a = &scene->animations[i];
+        if (a->first_pose > h->pose_count || a->pose_count > h->pose_count - a->first_pose ||
+            (a->pose_count != 0 && !(a->rate > 0.0 && isfinite(a->rate)))) {
+            return "an animation out of range";
+        }
+    }
+    return NULL;
+}
+
 const char *scene_open(void *buffer, size_t size, scene_data *scene) {
     memset(scene, 0, sizeof(*scene));
     scene->buffer = buffer;
@@ -81,6 +123,10 @@ const char *scene_open(void *buffer, size_t size, scene_data *scene) {
     scene->texcoords = (float *)(void *)(bytes + at[5]);
     scene->colors = (float *)(void *)(bytes + at[6]);
     scene->triangles = (uint32_t *)(void *)(bytes + at[7]);
+    scene->joints = (scene_joint *)(void *)(bytes + at[8]);
+    scene->poses = (float *)(void *)(bytes + at[9]);
+    scene->vertex_joints = (uint32_t *)(void *)(bytes + at[10]);
+    scene->vertex_weights = (float *)(void *)(bytes + at[11]);
     for (size_t i = 0; i < h->material_count; ++i) {
         // A bool may only be 0 or 1.
         unsigned char two_sided;
@@ -96,7 +142,8 @@ const char *scene_open(void *buffer, size_t size, scene_data *scene) {
             return "a name without end";
         }
     }
-    return check_parts(scene);
+    const char *defect = check_joints(scene);
+    return defect != NULL ? defect : check_parts(scene);
 }
 
 void scene_free(scene_data *scene) {
@@ -149,15 +196,21 @@ void scene_names(const scene_data *scene, char *text, size_t size) {
     }
 }
 
+// The mesh's name; where it has none, its node's.
+static void part_name(const scene_part *part, char name[PC_NAME_SIZE]) {
+    cli_clean_text(name, PC_NAME_SIZE, part->mesh[0] != '\0' ? part->mesh : part->node);
+}
+
 pc_status scene_visual(const scene_data *scene, const uint8_t *chosen, pc_context *context,
                        pc_visual *visual, pc_visual_report *report) {
     const scene_header *h = &scene->header;
-    uint64_t vertices = 0, triangles = 0, materials = 0;
+    uint64_t vertices = 0, triangles = 0, materials = 0, parts = 0;
     bool normals = false, texcoords = false, colors = false;
     for (size_t i = 0; i < h->part_count; ++i) {
         if (chosen[i]) {
             vertices += scene->parts[i].vertex_count;
             triangles += scene->parts[i].triangle_count;
+            ++parts;
             normals = normals || scene->parts[i].has_normals != 0;
             texcoords = texcoords || scene->parts[i].has_texcoords != 0;
             colors = colors || scene->parts[i].has_colors != 0;
@@ -165,17 +218,21 @@ pc_status scene_visual(const scene_data *scene, const uint8_t *chosen, pc_contex
     }
     // Arrays of the chosen parts only; materials keep their order, unused ones are left out.
     double *positions = calloc(vertices + 1, 3 * sizeof(double));
-    float *appearance = calloc(vertices + 1, 9 * sizeof(float));
-    uint32_t *indices = calloc(triangles + 1, 4 * sizeof(uint32_t));
+    float *appearance = calloc(vertices + 1, 13 * sizeof(float));
+    uint32_t *indices = calloc(triangles + 1, 5 * sizeof(uint32_t));
+    uint32_t *joints = calloc(vertices + 1, 4 * sizeof(uint32_t));
+    char *names = calloc(parts + 1, PC_NAME_SIZE);
     uint32_t *new_material = calloc(h->material_count + 1, sizeof(uint32_t));
     pc_material *used = calloc(h->material_count + 1, sizeof(pc_material));
     pc_status status = PC_ERROR_OUT_OF_MEMORY;
     if (positions == NULL || appearance == NULL || indices == NULL || new_material == NULL ||
-        used == NULL) {
+        joints == NULL || names == NULL || used == NULL) {
         goto cleanup;
     }
     float *normal = appearance, *texcoord = normal + 3 * vertices, *color = texcoord + 2 * vertices;
+    float *weight = color + 4 * vertices;
     uint32_t *triangle_materials = indices + 3 * triangles;
+    uint32_t *triangle_parts = triangle_materials + triangles;
     for (size_t i = 0; i < h->part_count; ++i) {
         if (chosen[i]) {
             new_material[scene->parts[i].material] = 1;
@@ -187,12 +244,13 @@ pc_status scene_visual(const scene_data *scene, const uint8_t *chosen, pc_contex
             new_material[m] = (uint32_t)materials++;
         }
     }
-    uint64_t v = 0, t = 0;
+    uint64_t v = 0, t = 0, p = 0;
     for (size_t i = 0; i < h->part_count; ++i) {
         const scene_part *part = &scene->parts[i];
         if (!chosen[i]) {
             continue;
         }
+        part_name(part, &names[PC_NAME_SIZE * p]);
         const size_t first = part->first_vertex, count = part->vertex_count;
         memcpy(&positions[3 * v], &scene->positions[3 * first], count * 3 * sizeof(double));
         memcpy(&normal[3 * v], &scene->normals[3 * first], count * 3 * sizeof(float));
@@ -204,7 +262,11 @@ pc_status scene_visual(const scene_data *scene, const uint8_t *chosen, pc_contex
         }
         for (uint64_t k = 0; k < part->triangle_count; ++k) {
             triangle_materials[t + k] = new_material[part->material];
+            triangle_parts[t + k] = (uint32_t)p;
         }
+        memcpy(&joints[4 * v], &scene->vertex_joints[4 * first], count * 4 * sizeof(uint32_t));
+        memcpy(&weight[4 * v], &scene->vertex_weights[4 * first], count * 4 * sizeof(float));
+        ++p;
         v += count;
         t += part->triangle_count;
     }
@@ -217,13 +279,108 @@ pc_status scene_visual(const scene_data *scene, const uint8_t *chosen, pc_contex
                                      .colors = colors ? color : NULL,
                                      .triangle_materials = triangle_materials,
                                      .material_count = materials,
-                                     .materials = used};
+                                     .materials = used,
+                                     .triangle_parts = triangle_parts,
+                                     .part_count = parts,
+                                     .part_names = names,
+                                     .joints = h->joint_count != 0 ? joints : NULL,
+                                     .joint_weights = h->joint_count != 0 ? weight : NULL};
     status = pc_visual_create(context, &arrays, visual, report);
 cleanup:
     free(positions);
     free(appearance);
     free(indices);
+    free(joints);
+    free(names);
     free(new_material);
     free(used);
+    return status;
+}
+
+pc_status scene_character(const scene_data *scene, const uint8_t *chosen, pc_context *context,
+                          pc_character *character) {
+    const scene_header *h = &scene->header;
+    size_t vertices = 0, triangles = 0, parts = 0;
+    for (size_t i = 0; i < h->part_count; ++i) {
+        if (!chosen[i]) {
+            vertices += scene->parts[i].vertex_count;
+            triangles += scene->parts[i].triangle_count;
+            ++parts;
+        }
+    }
+    double *centers = calloc(h->joint_count + 1, 3 * sizeof(double));
+    double *rates = calloc(h->animation_count + 1, sizeof(double));
+    char *names = calloc(h->joint_count + h->animation_count + parts + 1, PC_NAME_SIZE);
+    double *positions = calloc(vertices + 1, 3 * sizeof(double));
+    uint32_t *indices =
+        calloc(2 * h->animation_count + 4 * triangles + 4 * vertices + 1, sizeof(uint32_t));
+    float *weights = calloc(vertices + 1, 4 * sizeof(float));
+    pc_status status = PC_ERROR_OUT_OF_MEMORY;
+    if (centers == NULL || rates == NULL || names == NULL || positions == NULL || indices == NULL ||
+        weights == NULL) {
+        goto cleanup;
+    }
+    char *clip_names = names + PC_NAME_SIZE * h->joint_count;
+    char *part_names = clip_names + PC_NAME_SIZE * h->animation_count;
+    uint32_t *ranges = indices, *corners = ranges + 2 * h->animation_count;
+    uint32_t *triangle_parts = corners + 3 * triangles, *joints = triangle_parts + triangles;
+    for (size_t j = 0; j < h->joint_count; ++j) {
+        memcpy(&names[PC_NAME_SIZE * j], scene->joints[j].name, PC_NAME_SIZE);
+        memcpy(&centers[3 * j], scene->joints[j].center, sizeof(scene->joints[j].center));
+    }
+    size_t clips = 0;
+    for (size_t i = 0; i < h->animation_count; ++i) {
+        const scene_animation *a = &scene->animations[i];
+        if (a->pose_count != 0) {
+            cli_clean_text(&clip_names[PC_NAME_SIZE * clips], PC_NAME_SIZE, a->name);
+            ranges[2 * clips] = (uint32_t)a->first_pose;
+            ranges[2 * clips + 1] = (uint32_t)a->pose_count;
+            rates[clips++] = a->rate;
+        }
+    }
+    size_t v = 0, t = 0, p = 0;
+    for (size_t i = 0; i < h->part_count; ++i) {
+        const scene_part *part = &scene->parts[i];
+        const size_t first = part->first_vertex, count = part->vertex_count;
+        if (chosen[i]) {
+            continue;
+        }
+        part_name(part, &part_names[PC_NAME_SIZE * p]);
+        memcpy(&positions[3 * v], &scene->positions[3 * first], count * 3 * sizeof(double));
+        memcpy(&joints[4 * v], &scene->vertex_joints[4 * first], count * 4 * sizeof(uint32_t));
+        memcpy(&weights[4 * v], &scene->vertex_weights[4 * first], count * 4 * sizeof(float));
+        for (size_t k = 0; k < 3 * part->triangle_count; ++k) {
+            corners[3 * t + k] =
+                (uint32_t)(scene->triangles[3 * part->first_triangle + k] - first + v);
+            triangle_parts[t + k / 3] = (uint32_t)p;
+        }
+        v += count;
+        t += part->triangle_count;
+        ++p;
+    }
+    const bool skinned = h->joint_count != 0;
+    const pc_character arrays = {.joint_count = h->joint_count,
+                                 .joint_names = names,
+                                 .joint_centers = centers,
+                                 .clip_count = clips,
+                                 .clip_names = clip_names,
+                                 .clip_poses = ranges,
+                                 .clip_rates = rates,
+                                 .pose_count = h->pose_count,
+                                 .poses = scene->poses,
+                                 .body = {vertices, positions, triangles, corners},
+                                 .body_part_count = parts,
+                                 .body_part_names = part_names,
+                                 .body_triangle_parts = triangle_parts,
+                                 .body_joints = skinned ? joints : NULL,
+                                 .body_weights = skinned ? weights : NULL};
+    status = pc_character_create(context, &arrays, character);
+cleanup:
+    free(centers);
+    free(rates);
+    free(names);
+    free(positions);
+    free(indices);
+    free(weights);
     return status;
 }

@@ -22,13 +22,22 @@ typedef struct scene_animation {
     char name[128];
     double seconds;
     uint64_t channels;
+    double rate; // poses per second
+    uint64_t first_pose, pose_count;
 } scene_animation;
+
+// A node that vertices follow.
+typedef struct scene_joint {
+    char name[PC_NAME_SIZE];
+    double center[3]; // in the rest pose
+} scene_joint;
 
 typedef struct scene_header {
     char magic[8];
     uint64_t size; // of the whole buffer
     uint64_t node_count;
     uint64_t part_count, material_count, animation_count, vertex_count, triangle_count;
+    uint64_t joint_count, pose_count;
     char format[16]; // of the file, for example "glTF"
 } scene_header;
 
@@ -44,6 +53,10 @@ typedef struct scene_data {
     float *texcoords;    // #vertices by 2
     float *colors;       // #vertices by 4
     uint32_t *triangles; // #triangles by 3, of the whole scene
+    scene_joint *joints;
+    float *poses;            // #poses by #joints by 12, see pc_character
+    uint32_t *vertex_joints; // #vertices by 4
+    float *vertex_weights;   // #vertices by 4
 } scene_data;
 
 // What the child sends instead of a scene.
@@ -53,12 +66,12 @@ typedef struct scene_failure {
     char message[256];
 } scene_failure;
 
-#define SCENE_MAGIC         "PCSCENE1"
+#define SCENE_MAGIC         "PCSCENE2"
 #define SCENE_FAILURE_MAGIC "PCFAIL_1"
 
 // Byte offsets of the arrays behind the header, in the order of `scene`; the last one is the size
 // of the buffer. False when it does not fit into 64 bits.
-enum { SCENE_ARRAYS = 8 };
+enum { SCENE_ARRAYS = 12 };
 bool scene_layout(const scene_header *header, uint64_t offsets[SCENE_ARRAYS + 1]);
 
 // Checks a buffer of `size` bytes from the child and sets up the views; nothing in it is trusted.
@@ -77,6 +90,10 @@ void scene_names(const scene_data *scene, char *text, size_t size);
 // Makes the visual mesh of the chosen parts.
 pc_status scene_visual(const scene_data *scene, const uint8_t *chosen, pc_context *context,
                        pc_visual *visual, pc_visual_report *report);
+
+// Makes the character of the skeleton, the clips, and the parts that are not chosen.
+pc_status scene_character(const scene_data *scene, const uint8_t *chosen, pc_context *context,
+                          pc_character *character);
 
 // Imports a file in a child process with limits. Prints the message on failure.
 int scene_import(const cli_command *command, const cli_arguments *arguments, const char *path,
@@ -104,6 +121,9 @@ const char *scene_format_name(scene_format format);
 
 // Recognises a file by its first bytes and its extension. Prints the message on failure.
 int scene_sniff(const char *command, const char *path, scene_format *format);
+
+// Animation keys of a GLB file as floats: the same bytes where they are, else new ones.
+char *scene_unpack_glb(char *bytes, size_t *size);
 
 // Reads a file through assimp and writes the buffer (or a failure) to `descriptor`. Runs in the
 // child; returns the child's exit code.

@@ -87,5 +87,7 @@ void pc_asset_free(pc_context *context, pc_asset *asset) {
     }
     pci_asset_truncate(context, asset, PC_STAGE_VOXELIZE);
     pc_visual_free(context, &asset->visual);
+    pc_character_free(context, &asset->character);
+    pc_scenario_free(context, &asset->scenario);
     memset(asset, 0, sizeof(*asset));
 }

@@ -37,7 +37,38 @@ void pc_visual_free(pc_context *context, pc_visual *visual) {
         pc_release(context, visual->colors);
         pc_release(context, visual->triangle_materials);
         pc_release(context, visual->materials);
+        pc_release(context, visual->triangle_parts);
+        pc_release(context, visual->part_names);
+        pc_release(context, visual->joints);
+        pc_release(context, visual->joint_weights);
         memset(visual, 0, sizeof(*visual));
+    }
+}
+
+void pc_character_free(pc_context *context, pc_character *character) {
+    if (character != NULL) {
+        pc_release(context, character->joint_names);
+        pc_release(context, character->joint_centers);
+        pc_release(context, character->clip_names);
+        pc_release(context, character->clip_poses);
+        pc_release(context, character->clip_rates);
+        pc_release(context, character->poses);
+        pc_mesh_free(context, &character->body);
+        pc_release(context, character->body_part_names);
+        pc_release(context, character->body_triangle_parts);
+        pc_release(context, character->body_joints);
+        pc_release(context, character->body_weights);
+        memset(character, 0, sizeof(*character));
+    }
+}
+
+void pc_scenario_free(pc_context *context, pc_scenario *scenario) {
+    if (scenario != NULL) {
+        pc_release(context, scenario->winds);
+        pc_release(context, scenario->pins);
+        pc_release(context, scenario->attachment.keys);
+        pc_release(context, scenario->colliders);
+        memset(scenario, 0, sizeof(*scenario));
     }
 }
 

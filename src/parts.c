@@ -199,72 +199,106 @@ static pc_status join_pieces(pci_scratch *scratch, const pc_mesh *mesh, piece *p
 
 // ---- extraction -------------------------------------------------------------------------------
 
-// Arrays of one part, in the order of the visual mesh.
+// Copies `size` bytes of each marked element, in order; NULL stays NULL. False: out of memory.
+static bool pick(pci_scratch *scratch, const void *from, size_t size, size_t count,
+                 const uint8_t *marked, const void **picked) {
+    *picked = NULL;
+    if (from == NULL) {
+        return true;
+    }
+    char *to = pci_scratch_allocate(scratch, count, size);
+    *picked = to;
+    for (size_t i = 0; to != NULL && i < count; ++i) {
+        if (marked[i]) {
+            memcpy(to, (const char *)from + i * size, size);
+            to += size;
+        }
+    }
+    return *picked != NULL;
+}
+
+// Numbers the marked elements in order, in place; returns how many there are.
+static size_t number_marked(const uint8_t *marked, size_t count, uint32_t *numbers) {
+    uint32_t next = 0;
+    for (size_t i = 0; i < count; ++i) {
+        numbers[i] = next;
+        next += marked[i];
+    }
+    return next;
+}
+
+// One part, in the order of the visual mesh.
 static pc_status extract(pci_scratch *scratch, const pc_visual *visual, const uint32_t *parts,
                          uint32_t part, pc_visual *result, pc_visual_report *report) {
     const size_t nc = visual->corner_count, nf = visual->surface.triangle_count;
-    uint32_t *number = PCI_SCRATCH(scratch, uint32_t, nc);
-    uint32_t *material_number = PCI_SCRATCH(scratch, uint32_t, visual->material_count);
+    const size_t nm = visual->material_count;
+    uint8_t *own_corners = PCI_SCRATCH(scratch, uint8_t, nc);
+    uint8_t *own_triangles = PCI_SCRATCH(scratch, uint8_t, nf);
+    uint8_t *own_materials = PCI_SCRATCH(scratch, uint8_t, nm);
+    uint32_t *corner_numbers = PCI_SCRATCH(scratch, uint32_t, nc);
+    uint32_t *material_numbers = PCI_SCRATCH(scratch, uint32_t, nm);
     double *positions = PCI_SCRATCH(scratch, double, 3 * nc);
-    float *normals = PCI_SCRATCH(scratch, float, 3 * nc);
-    float *texcoords = PCI_SCRATCH(scratch, float, 2 * nc);
-    float *colors = PCI_SCRATCH(scratch, float, 4 * nc);
     uint32_t *triangles = PCI_SCRATCH(scratch, uint32_t, 3 * nf);
-    uint32_t *triangle_materials = PCI_SCRATCH(scratch, uint32_t, nf);
-    pc_material *materials = PCI_SCRATCH(scratch, pc_material, visual->material_count);
+    uint32_t *materials = PCI_SCRATCH(scratch, uint32_t, nf);
     if (scratch->failed) {
         return pci_fail_memory(scratch->context, name);
     }
     for (size_t t = 0; t < nf; ++t) {
-        for (size_t c = 0; c < 3 && parts[t] == part; ++c) {
-            number[visual->corner_triangles[3 * t + c]] = 1;
+        own_triangles[t] = parts[t] == part;
+        for (size_t c = 0; c < 3 && own_triangles[t]; ++c) {
+            own_corners[visual->corner_triangles[3 * t + c]] = 1;
         }
-        if (parts[t] == part) {
-            material_number[visual->triangle_materials[t]] = 1;
-        }
+        own_materials[visual->triangle_materials[t]] |= own_triangles[t];
     }
     pc_visual_arrays arrays = {.positions = positions,
                                .triangles = triangles,
-                               .normals = visual->normals != NULL ? normals : NULL,
-                               .texcoords = visual->texcoords != NULL ? texcoords : NULL,
-                               .colors = visual->colors != NULL ? colors : NULL,
-                               .triangle_materials = triangle_materials,
-                               .materials = materials};
+                               .triangle_materials = materials,
+                               .part_count = visual->part_count,
+                               .part_names = visual->part_names};
+    arrays.vertex_count = number_marked(own_corners, nc, corner_numbers);
+    arrays.material_count = number_marked(own_materials, nm, material_numbers);
     for (size_t c = 0; c < nc; ++c) {
-        if (number[c] == 0) {
-            continue;
-        }
-        const size_t to = arrays.vertex_count++;
-        memcpy(&positions[3 * to],
-               &visual->surface.positions[3 * (size_t)visual->corner_vertices[c]],
-               3 * sizeof(*positions));
-        if (visual->normals != NULL) {
-            memcpy(&normals[3 * to], &visual->normals[3 * c], 3 * sizeof(*normals));
-        }
-        if (visual->texcoords != NULL) {
-            memcpy(&texcoords[2 * to], &visual->texcoords[2 * c], 2 * sizeof(*texcoords));
-        }
-        if (visual->colors != NULL) {
-            memcpy(&colors[4 * to], &visual->colors[4 * c], 4 * sizeof(*colors));
-        }
-        number[c] = (uint32_t)to;
-    }
-    for (size_t m = 0; m < visual->material_count; ++m) {
-        if (material_number[m] != 0) {
-            materials[arrays.material_count] = visual->materials[m];
-            material_number[m] = (uint32_t)arrays.material_count++;
+        if (own_corners[c]) {
+            memcpy(&positions[3 * (size_t)corner_numbers[c]],
+                   &visual->surface.positions[3 * (size_t)visual->corner_vertices[c]],
+                   3 * sizeof(*positions));
         }
     }
     for (size_t t = 0; t < nf; ++t) {
-        if (parts[t] == part) {
+        if (own_triangles[t]) {
             for (size_t c = 0; c < 3; ++c) {
                 triangles[3 * arrays.triangle_count + c] =
-                    number[visual->corner_triangles[3 * t + c]];
+                    corner_numbers[visual->corner_triangles[3 * t + c]];
             }
-            triangle_materials[arrays.triangle_count++] =
-                material_number[visual->triangle_materials[t]];
+            materials[arrays.triangle_count++] = material_numbers[visual->triangle_materials[t]];
         }
     }
+    const struct {
+        const void *from;
+        size_t size, count;
+        const uint8_t *marked;
+    } sources[] = {{visual->normals, 3 * sizeof(float), nc, own_corners},
+                   {visual->texcoords, 2 * sizeof(float), nc, own_corners},
+                   {visual->colors, 4 * sizeof(float), nc, own_corners},
+                   {visual->joints, 4 * sizeof(uint32_t), nc, own_corners},
+                   {visual->joint_weights, 4 * sizeof(float), nc, own_corners},
+                   {visual->materials, sizeof(pc_material), nm, own_materials},
+                   {visual->triangle_parts, sizeof(uint32_t), nf, own_triangles}};
+    enum { source_count = sizeof(sources) / sizeof(sources[0]) };
+    const void *picked[source_count];
+    for (size_t i = 0; i < source_count; ++i) {
+        if (!pick(scratch, sources[i].from, sources[i].size, sources[i].count, sources[i].marked,
+                  &picked[i])) {
+            return pci_fail_memory(scratch->context, name);
+        }
+    }
+    arrays.normals = picked[0];
+    arrays.texcoords = picked[1];
+    arrays.colors = picked[2];
+    arrays.joints = picked[3];
+    arrays.joint_weights = picked[4];
+    arrays.materials = picked[5];
+    arrays.triangle_parts = picked[6];
     return pc_visual_create(scratch->context, &arrays, result, report);
 }
 

@@ -9,6 +9,7 @@ static pc_status run_step(pc_context *context, pc_stage stage, pc_asset *a) {
     const pc_options *o = &a->options;
     pc_reports *r = &a->reports;
     const pc_mesh *surface = &a->visual.surface;
+    const pc_simulate_inputs inputs = {&a->proxy, &a->scenario, &a->visual, &a->character};
     switch (stage) {
     case PC_STAGE_VOXELIZE: // visual mesh -> UDF grid
         return pc_voxelize(context, surface, &o->voxelize, &a->grid, &r->voxelize);
@@ -29,7 +30,7 @@ static pc_status run_step(pc_context *context, pc_stage stage, pc_asset *a) {
         return pc_simplify(context, &a->visual, &a->single_layer, &o->simplify, &a->proxy,
                            &r->simplify);
     case PC_STAGE_SIMULATE: // proxy mesh -> simulated frames
-        return pc_simulate(context, &a->proxy, &o->simulate, &a->motion, &r->simulate);
+        return pc_simulate_scenario(context, &inputs, &o->simulate, &a->motion, &r->simulate);
     case PC_STAGE_SKIN: // simulated frames -> skinning weights
         return pc_skin_optimize(context, surface, &a->proxy, &a->motion, &o->skin, &a->skin,
                                 &r->skin);

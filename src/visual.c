@@ -43,7 +43,9 @@ static pc_status check_arrays(pc_context *context, const pc_visual_arrays *array
     }
     if ((arrays->vertex_count != 0 && arrays->positions == NULL) ||
         (arrays->triangle_count != 0 && arrays->triangles == NULL) ||
-        (arrays->material_count != 0 && arrays->materials == NULL)) {
+        (arrays->material_count != 0 && arrays->materials == NULL) ||
+        (arrays->part_count != 0 && arrays->part_names == NULL) ||
+        (arrays->joints == NULL) != (arrays->joint_weights == NULL)) {
         return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, "visual",
                         "visual: a count is given without its array");
     }
@@ -73,6 +75,13 @@ static pc_status check_arrays(pc_context *context, const pc_visual_arrays *array
             return pci_fail(context, PC_ERROR_INVALID_MESH, "visual",
                             "visual: triangle %zu refers to material %u of %zu", t,
                             arrays->triangle_materials[t], materials);
+        }
+    }
+    for (size_t t = 0; arrays->triangle_parts != NULL && t < arrays->triangle_count; ++t) {
+        if (arrays->triangle_parts[t] >= arrays->part_count) {
+            return pci_fail(context, PC_ERROR_INVALID_MESH, "visual",
+                            "visual: triangle %zu refers to part %u of %zu", t,
+                            arrays->triangle_parts[t], arrays->part_count);
         }
     }
     return PC_OK;
@@ -260,6 +269,56 @@ static bool fill_materials(pc_context *context, const pc_visual_arrays *arrays, 
     return true;
 }
 
+// Names of the parts, with zeros behind their end, and the part of each triangle.
+static bool fill_parts(pc_context *context, const pc_visual_arrays *arrays, pc_visual *visual) {
+    if (arrays->part_count == 0 || arrays->triangle_parts == NULL) {
+        return true;
+    }
+    const size_t size = PC_NAME_SIZE;
+    visual->part_count = arrays->part_count;
+    visual->part_names = PCI_ALLOCATE(context, char, size * arrays->part_count);
+    visual->triangle_parts = PCI_ALLOCATE(context, uint32_t, arrays->triangle_count);
+    if (visual->part_names == NULL || visual->triangle_parts == NULL) {
+        return false;
+    }
+    for (size_t p = 0; p < arrays->part_count; ++p) {
+        const char *name = &arrays->part_names[size * p];
+        for (size_t i = 0; i + 1 < size && name[i] != '\0'; ++i) {
+            visual->part_names[size * p + i] = name[i];
+        }
+    }
+    memcpy(visual->triangle_parts, arrays->triangle_parts,
+           arrays->triangle_count * sizeof(uint32_t));
+    return true;
+}
+
+// Joints of the used vertices; weights that are no finite shares count as 0, the others sum to 1.
+static bool fill_joints(pc_context *context, const pc_visual_arrays *arrays, const weld *welded,
+                        pc_visual *visual) {
+    if (arrays->joints == NULL) {
+        return true;
+    }
+    visual->joints = PCI_ALLOCATE(context, uint32_t, 4 * visual->corner_count);
+    visual->joint_weights = PCI_ALLOCATE(context, float, 4 * visual->corner_count);
+    if (visual->joints == NULL || visual->joint_weights == NULL) {
+        return false;
+    }
+    for (size_t v = 0; v < arrays->vertex_count; ++v) {
+        const size_t c = welded->corners[v];
+        double weights[4], sum = 0.0;
+        for (size_t k = 0; k < 4; ++k) {
+            const double weight = (double)arrays->joint_weights[4 * v + k];
+            weights[k] = weight > 0.0 && isfinite(weight) ? weight : 0.0;
+            sum += weights[k];
+        }
+        for (size_t k = 0; k < 4 && c != PC_INVALID_INDEX; ++k) {
+            visual->joints[4 * c + k] = arrays->joints[4 * v + k];
+            visual->joint_weights[4 * c + k] = sum > 0.0 ? (float)(weights[k] / sum) : 0.0F;
+        }
+    }
+    return true;
+}
+
 // Unit normal of a corner; the surface's own normal where the file's is unusable (false).
 static bool repair_normal(const float source[3], const double surface_normal[3], float out[3]) {
     double normal[3] = {(double)source[0], (double)source[1], (double)source[2]};
@@ -438,7 +497,8 @@ pc_status pc_visual_create(pc_context *context, const pc_visual_arrays *arrays, 
     weld welded = {0};
     if (!weld_positions(&scratch, arrays, &welded) ||
         !fill_surface(context, arrays, &welded, visual) ||
-        !fill_materials(context, arrays, visual) ||
+        !fill_materials(context, arrays, visual) || !fill_parts(context, arrays, visual) ||
+        !fill_joints(context, arrays, &welded, visual) ||
         !fill_appearance(&scratch, arrays, &welded, visual, &counts.replaced_attributes) ||
         !count_defects(&scratch, arrays, visual, &counts)) {
         status = pci_fail_memory(context, "visual");

@@ -7,7 +7,10 @@
 ///                     name, stage_count
 ///   /visual           positions, triangles, corner_vertices, corner_triangles, normals, texcoords,
 ///                     colors, triangle_materials, materials (a table: name, base_color, metallic,
-///                     roughness, double_sided)
+///                     roughness, double_sided), part_names, triangle_parts, joints,
+///                     joint_weights; of pc_character: joint_names, joint_centers, clip_names,
+///                     clip_poses, clip_rates, poses, body_positions, body_triangles,
+///                     body_part_names, body_triangle_parts, body_joints, body_weights
 ///   /voxelize         samples, values; attributes: origin, cell_size, size, band
 ///   /isosurface       positions, triangles
 ///   /project          positions, triangles
@@ -15,10 +18,12 @@
 ///   /label            labels
 ///   /carve            positions, triangles
 ///   /simplify         positions, triangles
-///   /simulate         positions (#frames by #V by 3), pinned; attribute: frame_time
+///   /simulate         positions (#frames by #V by 3), pinned, scenario (its JSON text as bytes,
+///                     without the options); attribute: frame_time
 ///   /skin             bones, weights
 /// and in each group the groups `options` (not in /visual) and `report`, one attribute per field.
-/// normals, texcoords, colors, curvatures and outer_distances are absent where they are NULL.
+/// normals, texcoords, colors, curvatures, outer_distances, everything of parts, joints and
+/// pc_character, and an empty scenario are absent where they are NULL.
 /// Numbers are little-endian with the size that they have in memory, bool is a byte, a choice is
 /// stored as its name. Fields that a file lacks take their default (options) or 0 (reports), fields
 /// that the library does not know are ignored: a new field alone needs no new format version.

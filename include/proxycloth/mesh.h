@@ -61,6 +61,11 @@ typedef struct pc_visual {
     uint32_t *triangle_materials; ///< #F, each < material_count
     size_t material_count;        ///< at least 1
     pc_material *materials;
+    uint32_t *triangle_parts; ///< #F, each < part_count, or NULL
+    size_t part_count;        ///< meshes of the file that the surface is made of
+    char *part_names;         ///< #parts by 64, zero-terminated, or NULL
+    uint32_t *joints;         ///< #C by 4, joints of pc_character, or NULL
+    float *joint_weights;     ///< #C by 4, sum 1, or all 0; NULL where `joints` is
 } pc_visual;
 
 void pc_visual_free(pc_context *context, pc_visual *visual);
@@ -77,6 +82,11 @@ typedef struct pc_visual_arrays {
     const uint32_t *triangle_materials; ///< #triangles; NULL: all 0
     size_t material_count;              ///< 0: one white material
     const pc_material *materials;
+    const uint32_t *triangle_parts; ///< #triangles, each < part_count
+    size_t part_count;
+    const char *part_names;     ///< #parts by 64
+    const uint32_t *joints;     ///< #vertices by 4
+    const float *joint_weights; ///< #vertices by 4, not negative; scaled to sum 1
 } pc_visual_arrays;
 
 /// What was noticed about the input; everything counted here is accepted.

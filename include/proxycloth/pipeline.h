@@ -64,6 +64,8 @@ typedef struct pc_asset {
     pc_options options;   ///< of the stages done, as they were used
     pc_reports reports;
     pc_visual visual;
+    pc_character character; ///< the rest of the input: skeleton, clips, body; may be empty
+    pc_scenario scenario;   ///< what the proxy goes through; zero: the paper's
     pc_grid grid;
     pc_mesh isosurface;
     pc_mesh projected;
@@ -122,7 +124,8 @@ PC_NODISCARD pc_status pc_build_from(pc_context *context, pc_stage first, const 
                                      pc_asset *asset, pc_timings *timings);
 
 /// Runs all stages on a visual mesh: pc_build_from with PC_STAGE_VOXELIZE.
-/// @param[in,out] asset    `visual`, `name` and `reports.visual` are set, the rest is zero.
+/// @param[in,out] asset    `visual`, `name` and `reports.visual` are set, `character` and
+///                         `scenario` may be, the rest is zero.
 PC_NODISCARD pc_status pc_build(pc_context *context, const pc_options *options, pc_asset *asset,
                                 pc_timings *timings);
 

@@ -25,9 +25,11 @@
 #define PROXYCLOTH_PROXYCLOTH_H
 
 #include "proxycloth/base.h"
+#include "proxycloth/character.h"
 #include "proxycloth/mesh.h"
 #include "proxycloth/options.h"
 #include "proxycloth/parts.h"
+#include "proxycloth/scenario.h"
 
 #include "proxycloth/carve.h"
 #include "proxycloth/graph.h"

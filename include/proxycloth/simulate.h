@@ -2,22 +2,33 @@
 ///
 /// Springs along the edges resist stretch, springs between the non-shared vertices of adjacent
 /// triangles resist bending (section 4). The highest `pinned_fraction` of the vertices is held,
-/// wind of random direction and strength acts on the triangles (section 5.2).
+/// wind of random direction and strength acts on the triangles (section 5.2). A scenario
+/// (proxycloth/scenario.h) chooses other winds and pins, lets pinned vertices move, and adds
+/// colliders.
 ///
-/// One step: facet wind force air * A * ((wind - v_mean) . n) n / 3 per corner,
-/// v = (v + dt (f / m + g)) (1 - damping), p = x + dt v, Gauss-Seidel sweeps over the springs with
-/// stiffness 1 - (1 - k)^(1 / iterations), v = (p - x) / dt.
+/// One step: facet wind force air * A * ((wind - v_mean) . n) n / 3 per corner (never more than
+/// what stops the facet relative to the wind), v = (v + dt (f / m + g)) (1 - damping),
+/// p = x + dt v, Gauss-Seidel sweeps over the springs, contacts, v = (p - x) / dt.
+///   pbd   `solver_iterations` sweeps with stiffness 1 - (1 - k)^(1 / iterations)
+///   xpbd  one sweep per substep, with the compliance at which one sweep of a whole step would
+///         correct the share k (Macklin et al., "Small steps in physics simulation", 2019)
+///
+/// Nothing explodes: a step that leaves more than 5 % of the edges longer than half of
+/// `strain_limit` is repeated in twice as many substeps, up to 64 (substeps 0), and edges beyond
+/// `strain_limit` are pulled back at the end of a step. Both as far as pins and colliders allow.
 ///
 /// DEVIATION: a connected part without a held vertex gets its own `pinned_fraction`; it would fall
 /// out of the scene.
 ///
-/// Postconditions: finite positions; pinned vertices never move; frame 0 follows the first
-/// `frame_steps` steps.
+/// Postconditions: finite positions; pinned vertices never move but as the attachment says; frame 0
+/// follows the first `frame_steps` steps. Independent of the number of threads.
 #ifndef PROXYCLOTH_SIMULATE_H
 #define PROXYCLOTH_SIMULATE_H
 
+#include "proxycloth/character.h"
 #include "proxycloth/mesh.h"
 #include "proxycloth/options.h"
+#include "proxycloth/scenario.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -27,7 +38,10 @@ typedef struct pc_simulate_options {
     uint32_t frames;
     uint32_t frame_steps;       ///< steps per kept frame
     double time_step;           ///< s
-    uint32_t solver_iterations; ///< sweeps per step
+    uint32_t dynamics;          ///< 0 pbd, 1 xpbd
+    uint32_t solver_iterations; ///< sweeps per step (pbd)
+    uint32_t substeps;          ///< per step; 0: as many as the strain needs
+    double strain_limit;        ///< relative stretch that an edge may keep
     double stretch_stiffness;   ///< k_s
     double bend_stiffness;      ///< k_b
     double damping;             ///< share of the velocity lost per step
@@ -37,6 +51,8 @@ typedef struct pc_simulate_options {
     double wind_speed;          ///< m/s, strongest wind
     double pinned_fraction;     ///< share of the vertices that is held, the highest ones
     double garment_size;        ///< m, diagonal at which the garment is simulated; 0: as it is
+    double contact_distance;    ///< m, that the cloth keeps from colliders
+    double friction;            ///< Coulomb's coefficient at colliders
     uint32_t up_axis;           ///< 0 x, 1 y, 2 z
     uint32_t seed;
 } pc_simulate_options;
@@ -48,13 +64,17 @@ typedef struct pc_simulate_report {
     double mean_strain; ///< of the edges over all frames
     double p95_strain;
     double max_strain;
-    double max_speed;    ///< m/s
-    double motion_range; ///< largest displacement over the diagonal
+    double max_speed;        ///< m/s
+    double motion_range;     ///< largest displacement over the diagonal
+    uint64_t most_substeps;  ///< of a step
+    uint64_t unmatched_pins; ///< rules of the scenario that name no vertex
+    double deepest_contact;  ///< m, how far a free vertex is inside a collider, over all frames
 } pc_simulate_report;
 
 extern const pc_record pc_simulate_options_record;
 extern const pc_record pc_simulate_report_record;
 
+/// The motion of the paper: pc_simulate_scenario without scenario.
 /// @param[in]  proxy   manifold with boundary.
 /// @param[out] motion  zeroed on entry; `positions` in the proxy's unit.
 /// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_OPTIONS; PC_ERROR_TOO_LARGE;
@@ -62,6 +82,20 @@ extern const pc_record pc_simulate_report_record;
 PC_NODISCARD pc_status pc_simulate(pc_context *context, const pc_mesh *proxy,
                                    const pc_simulate_options *options, pc_motion *motion,
                                    pc_simulate_report *report);
+
+/// What a simulation reads; pointers other than `proxy` may be NULL.
+typedef struct pc_simulate_inputs {
+    const pc_mesh *proxy;
+    const pc_scenario *scenario;
+    const pc_visual *visual;       ///< for pins and joint weights
+    const pc_character *character; ///< for clips, joints and the body
+} pc_simulate_inputs;
+
+/// @return as pc_simulate; PC_ERROR_INVALID_OPTIONS also when the scenario names a clip, joint,
+///         mesh or material that the inputs lack, or needs one that is NULL.
+PC_NODISCARD pc_status pc_simulate_scenario(pc_context *context, const pc_simulate_inputs *inputs,
+                                            const pc_simulate_options *options, pc_motion *motion,
+                                            pc_simulate_report *report);
 
 #ifdef __cplusplus
 }

@@ -8,6 +8,7 @@
 
 #include "io/asset_table.h"
 #include "io/atomic_file.h"
+#include "io/scenario_file.h"
 #include "proxycloth/version.h"
 
 #define STAGE       "asset"
@@ -308,6 +309,23 @@ static bool write_materials(asset_file *file, hid_t group, const pc_visual *visu
     return good;
 }
 
+// The scenario as its text; nothing for the paper's.
+static bool write_scenario(asset_file *file, hid_t group, const pc_scenario *scenario) {
+    if (scenario->wind_count == 0 && scenario->pin_count == 0 && scenario->collider_count == 0 &&
+        scenario->attachment.kind == PC_ATTACHMENT_NONE) {
+        return true;
+    }
+    char *text = pci_scenario_text(file->context, scenario);
+    if (text == NULL) {
+        return out_of_memory(file);
+    }
+    const size_t size = strlen(text);
+    const bool good =
+        write_dataset(file, group, "scenario", H5T_STD_U8LE, H5T_NATIVE_UINT8, &size, 1, text);
+    pc_release(file->context, text);
+    return good;
+}
+
 static bool write_group(asset_file *file, const pc_asset *asset, int group) {
     const hid_t id = create_group(file, file->id, pci_group_name(group));
     bool good = id >= 0;
@@ -337,7 +355,8 @@ static bool write_group(asset_file *file, const pc_asset *asset, int group) {
                write_record(file, id, "options", info->options,
                             (const char *)&asset->options + info->options_offset) &&
                write_record(file, id, "report", info->report,
-                            (const char *)&asset->reports + info->report_offset);
+                            (const char *)&asset->reports + info->report_offset) &&
+               (group != PC_STAGE_SIMULATE + 1 || write_scenario(file, id, &asset->scenario));
     }
     H5Gclose(id);
     return good;
@@ -720,6 +739,33 @@ static bool read_materials(asset_file *file, hid_t group, pc_visual *visual) {
     return good;
 }
 
+static bool read_scenario(asset_file *file, hid_t group, pc_scenario *scenario) {
+    if (!has_object(group, "scenario")) {
+        return true;
+    }
+    size_t shape[3] = {0};
+    char *text = NULL;
+    const hid_t dataset = open_dataset(file, group, "scenario");
+    bool good = dataset >= 0 && read_shape(file, dataset, "scenario", H5T_STD_U8LE, 1, shape);
+    if (good) {
+        text = read_rows(file, dataset, "scenario", H5T_NATIVE_UINT8, shape[0]);
+        good = text != NULL;
+    }
+    if (good) {
+        // The text holds no option.
+        pc_simulate_options options;
+        pc_record_set_defaults(&pc_simulate_options_record, &options);
+        const pc_status status =
+            pc_scenario_parse(file->context, text, shape[0], "/simulate", &options, scenario);
+        good = status == PC_OK ||
+               (status == PC_ERROR_OUT_OF_MEMORY ? out_of_memory(file)
+                                                 : damaged(file, "scenario", "is no scenario"));
+    }
+    pc_release(file->context, text);
+    H5Dclose(dataset);
+    return good;
+}
+
 static bool read_group(asset_file *file, pc_asset *asset, int group) {
     bool known[PCI_COUNT_COUNT] = {false};
     known[PCI_COUNT_MATERIALS] = group == 0;
@@ -749,7 +795,8 @@ static bool read_group(asset_file *file, pc_asset *asset, int group) {
         pc_record_set_defaults(info->options, options);
         good = read_record(file, id, "options", info->options, options) &&
                read_record(file, id, "report", info->report,
-                           (char *)&asset->reports + info->report_offset);
+                           (char *)&asset->reports + info->report_offset) &&
+               (group != PC_STAGE_SIMULATE + 1 || read_scenario(file, id, &asset->scenario));
     }
     H5Gclose(id);
     return good;

@@ -14,6 +14,13 @@ static const size_t count_offsets[PCI_COUNT_COUNT] = {
     [PCI_COUNT_SURFACE_TRIANGLES] = offsetof(pc_asset, visual.surface.triangle_count),
     [PCI_COUNT_CORNERS] = offsetof(pc_asset, visual.corner_count),
     [PCI_COUNT_MATERIALS] = offsetof(pc_asset, visual.material_count),
+    [PCI_COUNT_PARTS] = offsetof(pc_asset, visual.part_count),
+    [PCI_COUNT_JOINTS] = offsetof(pc_asset, character.joint_count),
+    [PCI_COUNT_CLIPS] = offsetof(pc_asset, character.clip_count),
+    [PCI_COUNT_POSES] = offsetof(pc_asset, character.pose_count),
+    [PCI_COUNT_BODY_VERTICES] = offsetof(pc_asset, character.body.vertex_count),
+    [PCI_COUNT_BODY_TRIANGLES] = offsetof(pc_asset, character.body.triangle_count),
+    [PCI_COUNT_BODY_PARTS] = offsetof(pc_asset, character.body_part_count),
     [PCI_COUNT_SAMPLES] = offsetof(pc_asset, grid.sample_count),
     [PCI_COUNT_ISOSURFACE_VERTICES] = offsetof(pc_asset, isosurface.vertex_count),
     [PCI_COUNT_ISOSURFACE_TRIANGLES] = offsetof(pc_asset, isosurface.triangle_count),
@@ -61,6 +68,9 @@ void pci_count_set(pc_asset *asset, pci_count count, size_t value) {
     }
 #define FINITE       .values = PCI_VALUES_FINITE
 #define INDEX(count) .values = PCI_VALUES_INDEX, .limit = COUNT(count)
+#define NAMES(name_, rows_, member_)                                                               \
+    ARRAY(0, name_, U8, rows_, PC_NAME_SIZE, member_, .values = PCI_VALUES_NAME, .optional = true)
+#define OPTIONAL .optional = true
 #define MESH(group_, member_, name_)                                                               \
     ARRAY(group_, "positions", F64, name_##_VERTICES, 3, member_.positions, FINITE),               \
         ARRAY(group_, "triangles", U32, name_##_TRIANGLES, 3, member_.triangles,                   \
@@ -76,6 +86,28 @@ const pci_array_info pci_arrays[] = {
     ARRAY(0, "colors", F32, CORNERS, 4, visual.colors, FINITE, .optional = true),
     ARRAY(0, "triangle_materials", U32, SURFACE_TRIANGLES, 1, visual.triangle_materials,
           INDEX(MATERIALS)),
+    NAMES("part_names", PARTS, visual.part_names),
+    ARRAY(0, "triangle_parts", U32, SURFACE_TRIANGLES, 1, visual.triangle_parts, INDEX(PARTS),
+          OPTIONAL),
+    NAMES("joint_names", JOINTS, character.joint_names),
+    ARRAY(0, "joint_centers", F64, JOINTS, 3, character.joint_centers, FINITE, OPTIONAL),
+    ARRAY(0, "joints", U32, CORNERS, 4, visual.joints, INDEX(JOINTS), OPTIONAL),
+    ARRAY(0, "joint_weights", F32, CORNERS, 4, visual.joint_weights, .values = PCI_VALUES_SHARE,
+          OPTIONAL),
+    NAMES("clip_names", CLIPS, character.clip_names),
+    ARRAY(0, "clip_poses", U32, CLIPS, 2, character.clip_poses, .values = PCI_VALUES_ANY, OPTIONAL),
+    ARRAY(0, "clip_rates", F64, CLIPS, 1, character.clip_rates, FINITE, OPTIONAL),
+    ARRAY(0, "poses", F32, POSES, 12, character.poses, FINITE, .columns = PCI_COUNT_JOINTS,
+          OPTIONAL),
+    ARRAY(0, "body_positions", F64, BODY_VERTICES, 3, character.body.positions, FINITE, OPTIONAL),
+    ARRAY(0, "body_triangles", U32, BODY_TRIANGLES, 3, character.body.triangles,
+          INDEX(BODY_VERTICES), OPTIONAL),
+    NAMES("body_part_names", BODY_PARTS, character.body_part_names),
+    ARRAY(0, "body_triangle_parts", U32, BODY_TRIANGLES, 1, character.body_triangle_parts,
+          INDEX(BODY_PARTS), OPTIONAL),
+    ARRAY(0, "body_joints", U32, BODY_VERTICES, 4, character.body_joints, INDEX(JOINTS), OPTIONAL),
+    ARRAY(0, "body_weights", F32, BODY_VERTICES, 4, character.body_weights,
+          .values = PCI_VALUES_SHARE, OPTIONAL),
 
     ARRAY(GROUP(VOXELIZE), "samples", U64, SAMPLES, 1, grid.samples, .values = PCI_VALUES_ANY),
     ARRAY(GROUP(VOXELIZE), "values", F32, SAMPLES, 1, grid.values, FINITE),
@@ -192,6 +224,18 @@ static size_t find_bad_value(const pci_array_info *info, const void *array, size
         }
         return i;
     }
+    case PCI_VALUES_SHARE: {
+        const float *values = array;
+        for (; i < count && values[i] >= 0.0F && values[i] <= 1.0F; ++i) {
+        }
+        return i;
+    }
+    case PCI_VALUES_NAME: {
+        const char *values = array;
+        for (; i < count && memchr(values + i, '\0', PC_NAME_SIZE) != NULL; i += PC_NAME_SIZE) {
+        }
+        return i;
+    }
     case PCI_VALUES_ANY:
         break;
     }
@@ -238,6 +282,32 @@ static bool check_visual(const pc_visual *visual, char *problem, size_t problem_
         if (!good) {
             return report(problem, problem_size, "value %zu of /visual/materials is out of range",
                           i);
+        }
+    }
+    return true;
+}
+
+// Clips lie within the poses, and arrays that need each other are all there.
+static bool check_character(const pc_asset *asset, char *problem, size_t problem_size) {
+    const pc_character *c = &asset->character;
+    const pc_visual *visual = &asset->visual;
+    if ((c->joint_count != 0 && (c->joint_names == NULL || c->joint_centers == NULL)) ||
+        (c->clip_count != 0 &&
+         (c->clip_names == NULL || c->clip_poses == NULL || c->clip_rates == NULL)) ||
+        (c->pose_count != 0 && c->poses == NULL) ||
+        (c->body.triangle_count != 0 &&
+         (c->body.positions == NULL || c->body.triangles == NULL ||
+          c->body_triangle_parts == NULL || c->body_part_names == NULL)) ||
+        (c->body_joints == NULL) != (c->body_weights == NULL) ||
+        (visual->joints == NULL) != (visual->joint_weights == NULL) ||
+        (visual->triangle_parts != NULL && visual->part_names == NULL)) {
+        return report(problem, problem_size, "an array of joints, clips or parts is missing");
+    }
+    for (size_t i = 0; i < c->clip_count; ++i) {
+        const uint32_t *range = &c->clip_poses[2 * i];
+        if (range[1] == 0 || range[0] > c->pose_count || range[1] > c->pose_count - range[0] ||
+            !(c->clip_rates[i] > 0.0)) {
+            return report(problem, problem_size, "clip %zu of /visual is out of range", i);
         }
     }
     return true;
@@ -349,6 +419,7 @@ bool pci_asset_check(const pc_asset *asset, char *problem, size_t problem_size) 
     const pc_graph *graph = &asset->graph;
     const uint32_t done = asset->stage_count;
     if (!check_visual(visual, problem, problem_size) ||
+        !check_character(asset, problem, problem_size) ||
         !check_counts(asset, problem, problem_size) ||
         (done > PC_STAGE_VOXELIZE && !check_grid(&asset->grid, problem, problem_size)) ||
         (done > PC_STAGE_GRAPH &&

@@ -29,6 +29,13 @@ typedef enum pci_count {
     PCI_COUNT_SURFACE_TRIANGLES,
     PCI_COUNT_CORNERS,
     PCI_COUNT_MATERIALS,
+    PCI_COUNT_PARTS,
+    PCI_COUNT_JOINTS,
+    PCI_COUNT_CLIPS,
+    PCI_COUNT_POSES,
+    PCI_COUNT_BODY_VERTICES,
+    PCI_COUNT_BODY_TRIANGLES,
+    PCI_COUNT_BODY_PARTS,
     PCI_COUNT_SAMPLES,
     PCI_COUNT_ISOSURFACE_VERTICES,
     PCI_COUNT_ISOSURFACE_TRIANGLES,
@@ -58,6 +65,8 @@ typedef enum pci_values {
     PCI_VALUES_INDEX,   // below the count `limit`
     PCI_VALUES_FLAG,    // 0 or 1
     PCI_VALUES_SIGN,    // -1, 0, 1
+    PCI_VALUES_SHARE,   // 0..1, float
+    PCI_VALUES_NAME,    // rows of bytes, each ends with 0
     PCI_VALUES_ANY      // checked elsewhere
 } pci_values;
 

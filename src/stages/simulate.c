@@ -1,15 +1,11 @@
 // Based on: Mueller, Heidelberger, Hennix, Ratcliff, "Position based dynamics", 2007.
-#include "proxycloth/simulate.h"
-
-#include <stdlib.h>
-
 #include "core/topology.h"
-#include "core/union_find.h"
 #include "stages/simulate_internal.h"
 
 static const char stage[] = "simulate";
 
 static const char *const up_axis_choices[] = {"x", "y", "z", NULL};
+static const char *const dynamics_choices[] = {"pbd", "xpbd", NULL};
 static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_simulate_options, frames, UINT, 200, 1, 100000, "frames",
                      "Frames that are kept"),
@@ -17,8 +13,14 @@ static const pc_field option_fields[] = {
                      "Steps per kept frame"),
     PCI_FIELD_OPTION(pc_simulate_options, time_step, DOUBLE, 1.0 / 60.0, 0.0001, 0.1, "s",
                      "Length of a step"),
+    PCI_FIELD_CHOICE(pc_simulate_options, dynamics, 0, 1, dynamics_choices,
+                     "Sweeps of a step (pbd), or one sweep per substep (xpbd)"),
     PCI_FIELD_OPTION(pc_simulate_options, solver_iterations, UINT, 10, 1, 1000, "sweeps",
-                     "Sweeps over the springs per step"),
+                     "Sweeps over the springs per step or substep of pbd"),
+    PCI_FIELD_OPTION(pc_simulate_options, substeps, UINT, 0, 0, PCI_MOST_SUBSTEPS, "",
+                     "Parts of a step, 0 for as many as the strain needs"),
+    PCI_FIELD_OPTION(pc_simulate_options, strain_limit, DOUBLE, 0.1, 0.001, 10.0, "",
+                     "Relative stretch beyond which an edge is pulled back"),
     PCI_FIELD_OPTION(pc_simulate_options, stretch_stiffness, DOUBLE, 1.0, 0.0, 1.0, "",
                      "k_s of the springs along edges"),
     PCI_FIELD_OPTION(pc_simulate_options, bend_stiffness, DOUBLE, 0.2, 0.0, 1.0, "",
@@ -37,6 +39,10 @@ static const pc_field option_fields[] = {
                      "Share of the vertices that is held, the highest ones, rounded up"),
     PCI_FIELD_OPTION(pc_simulate_options, garment_size, DOUBLE, 1.5, 0.0, 1000.0, "m",
                      "Diagonal at which the garment is simulated, 0 for the file's own size"),
+    PCI_FIELD_OPTION(pc_simulate_options, contact_distance, DOUBLE, 0.005, 0.0001, 1.0, "m",
+                     "Distance that the cloth keeps from colliders"),
+    PCI_FIELD_OPTION(pc_simulate_options, friction, DOUBLE, 0.3, 0.0, 10.0, "",
+                     "Coulomb's coefficient between cloth and colliders"),
     PCI_FIELD_CHOICE(pc_simulate_options, up_axis, 1, 2, up_axis_choices, "Axis that points up"),
     PCI_FIELD_OPTION(pc_simulate_options, seed, UINT, 1, 0, 4294967295, "",
                      "Seed of the random winds"),
@@ -56,270 +62,16 @@ static const pc_field report_fields[] = {
                      "Largest speed of a vertex at the simulated size"),
     PCI_FIELD_REPORT(pc_simulate_report, motion_range, DOUBLE, "diagonals",
                      "Largest distance of a vertex from its rest position"),
+    PCI_FIELD_REPORT(pc_simulate_report, most_substeps, COUNT, "", "Substeps of a step, at most"),
+    PCI_FIELD_WARNING(pc_simulate_report, unmatched_pins, COUNT, "Pin rules without a vertex",
+                      "pin rules name no vertex of the proxy"),
+    PCI_FIELD_REPORT(pc_simulate_report, deepest_contact, DOUBLE, "m",
+                     "Depth of the deepest free vertex in a collider"),
 };
 const pc_record pc_simulate_report_record = PCI_RECORD(report_fields, pc_simulate_report);
 
-// ---- one step -----------------------------------------------------------------------------------
-
-// Wind pushes each triangle along its normal, in proportion to the relative speed.
-static void accumulate_wind(pci_cloth *cloth, const double wind[3]) {
-    memset(cloth->forces, 0, 3 * cloth->vertex_count * sizeof(*cloth->forces));
-    for (size_t t = 0; t < cloth->triangle_count; ++t) {
-        const size_t a = 3 * (size_t)cloth->triangles[3 * t];
-        const size_t b = 3 * (size_t)cloth->triangles[3 * t + 1];
-        const size_t c = 3 * (size_t)cloth->triangles[3 * t + 2];
-        double ab[3], ac[3], normal[3], relative[3];
-        pci_sub(&cloth->positions[b], &cloth->positions[a], ab);
-        pci_sub(&cloth->positions[c], &cloth->positions[a], ac);
-        pci_cross(ab, ac, normal);
-        const double doubled_area = pci_norm(normal);
-        if (!(doubled_area > 0.0)) {
-            continue;
-        }
-        for (size_t k = 0; k < 3; ++k) {
-            relative[k] = wind[k] - (cloth->velocities[a + k] + cloth->velocities[b + k] +
-                                     cloth->velocities[c + k]) /
-                                        3.0;
-        }
-        // Area is half of doubled_area, a third of the force acts on each corner.
-        for (size_t k = 0; k < 3; ++k) {
-            normal[k] /= doubled_area;
-        }
-        const double pressure = cloth->air_density * 0.5 * doubled_area * pci_dot(relative, normal);
-        for (size_t k = 0; k < 3; ++k) {
-            const double force = pressure * normal[k] / 3.0;
-            cloth->forces[a + k] += force;
-            cloth->forces[b + k] += force;
-            cloth->forces[c + k] += force;
-        }
-    }
-}
-
-// One Gauss-Seidel sweep: each spring moves its ends towards the rest length, shared by mass.
-static void sweep_springs(pci_cloth *cloth) {
-    double *x = cloth->positions;
-    for (size_t s = 0; s < cloth->spring_count; ++s) {
-        const pci_spring *spring = &cloth->springs[s];
-        double *a = &x[3 * (size_t)spring->a], *b = &x[3 * (size_t)spring->b];
-        const double mass_a = cloth->inverse_mass[spring->a];
-        const double mass_b = cloth->inverse_mass[spring->b];
-        const double dx = b[0] - a[0], dy = b[1] - a[1], dz = b[2] - a[2];
-        const double length = sqrt(dx * dx + dy * dy + dz * dz);
-        const double resistance = length * (mass_a + mass_b);
-        if (!(resistance > 0.0)) {
-            continue; // both ends held, or no direction
-        }
-        const double scale = spring->stiffness * (length - spring->rest) / resistance;
-        const double move_a = scale * mass_a, move_b = scale * mass_b;
-        a[0] += move_a * dx, a[1] += move_a * dy, a[2] += move_a * dz;
-        b[0] -= move_b * dx, b[1] -= move_b * dy, b[2] -= move_b * dz;
-    }
-}
-
-void pci_cloth_step(pci_cloth *cloth, const double wind[3]) {
-    const double dt = cloth->time_step, kept = 1.0 - cloth->damping;
-    accumulate_wind(cloth, wind);
-    memcpy(cloth->previous, cloth->positions, 3 * cloth->vertex_count * sizeof(double));
-    for (size_t v = 0; v < cloth->vertex_count; ++v) {
-        const double inverse_mass = cloth->inverse_mass[v];
-        for (size_t k = 3 * v; k < 3 * v + 3 && inverse_mass > 0.0; ++k) {
-            const double acceleration = cloth->forces[k] * inverse_mass + cloth->gravity[k - 3 * v];
-            cloth->velocities[k] = (cloth->velocities[k] + dt * acceleration) * kept;
-            cloth->positions[k] += dt * cloth->velocities[k];
-        }
-    }
-    for (uint32_t i = 0; i < cloth->iterations; ++i) {
-        sweep_springs(cloth);
-    }
-    for (size_t k = 0; k < 3 * cloth->vertex_count; ++k) {
-        cloth->velocities[k] = (cloth->positions[k] - cloth->previous[k]) / dt;
-    }
-}
-
-// ---- springs ------------------------------------------------------------------------------------
-
-double pci_sweep_stiffness(double k, uint32_t iterations) {
-    return 1.0 - pow(1.0 - k, 1.0 / (double)iterations);
-}
-
-// Orders springs by the smallest colour that neither end has yet. Springs of one colour share no
-// vertex, so the processor can work on several at a time.
-static bool order_by_colour(pci_scratch *scratch, size_t vertex_count, const pci_spring *springs,
-                            size_t count, pci_spring *ordered) {
-    uint64_t *used = PCI_SCRATCH(scratch, uint64_t, vertex_count);
-    uint8_t *colours = PCI_SCRATCH(scratch, uint8_t, count);
-    if (scratch->failed) {
-        return false;
-    }
-    size_t starts[65] = {0};
-    for (size_t s = 0; s < count; ++s) {
-        const uint64_t taken = used[springs[s].a] | used[springs[s].b];
-        uint8_t colour = 0;
-        while (colour < 63 && (taken >> colour & 1) != 0) {
-            ++colour; // the last colour takes whatever is left
-        }
-        used[springs[s].a] |= UINT64_C(1) << colour;
-        used[springs[s].b] |= UINT64_C(1) << colour;
-        colours[s] = colour;
-        ++starts[colour + 1];
-    }
-    for (size_t c = 0; c < 64; ++c) {
-        starts[c + 1] += starts[c];
-    }
-    for (size_t s = 0; s < count; ++s) {
-        ordered[starts[colours[s]]++] = springs[s];
-    }
-    return true;
-}
-
-// The corner of a triangle that is on neither end of an edge.
-static uint32_t opposite_corner(const uint32_t *corners, const uint32_t *edge) {
-    for (size_t c = 0; c < 2; ++c) {
-        if (corners[c] != edge[0] && corners[c] != edge[1]) {
-            return corners[c];
-        }
-    }
-    return corners[2];
-}
-
-static pci_spring make_spring(const pc_mesh *mesh, uint32_t a, uint32_t b, double stiffness) {
-    const pci_spring spring = {.a = a,
-                               .b = b,
-                               .stiffness = stiffness,
-                               .rest = sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)a],
-                                                                 &mesh->positions[3 * (size_t)b]))};
-    return spring;
-}
-
-bool pci_springs_build(pci_scratch *scratch, const pc_mesh *mesh, double stretch, double bend,
-                       pci_spring **springs, size_t *spring_count, size_t *edge_spring_count) {
-    pci_topology topology;
-    if (!pci_topology_build(scratch, mesh, &topology)) {
-        return false;
-    }
-    const size_t edge_count = topology.edge_count;
-    pci_spring *listed = PCI_SCRATCH(scratch, pci_spring, edge_count + 3 * mesh->triangle_count);
-    *springs = PCI_SCRATCH(scratch, pci_spring, edge_count + 3 * mesh->triangle_count);
-    if (scratch->failed) {
-        return false;
-    }
-    for (size_t e = 0; e < edge_count; ++e) {
-        listed[e] = make_spring(mesh, topology.edges[2 * e], topology.edges[2 * e + 1], stretch);
-    }
-    // Across each edge, the far corners of its triangles, pair by pair.
-    size_t count = edge_count;
-    for (size_t e = 0; e < edge_count; ++e) {
-        for (size_t k = topology.edge_triangle_offsets[e] + 1;
-             k < topology.edge_triangle_offsets[e + 1]; ++k) {
-            const uint32_t *edge = &topology.edges[2 * e];
-            const uint32_t t0 = topology.edge_triangles[k - 1], t1 = topology.edge_triangles[k];
-            const uint32_t a = opposite_corner(&mesh->triangles[3 * (size_t)t0], edge);
-            const uint32_t b = opposite_corner(&mesh->triangles[3 * (size_t)t1], edge);
-            if (a != b) {
-                listed[count++] = make_spring(mesh, a < b ? a : b, a < b ? b : a, bend);
-            }
-        }
-    }
-    *spring_count = count;
-    *edge_spring_count = edge_count;
-    return order_by_colour(scratch, mesh->vertex_count, listed, edge_count, *springs) &&
-           order_by_colour(scratch, mesh->vertex_count, listed + edge_count, count - edge_count,
-                           *springs + edge_count);
-}
-
-// ---- wind ---------------------------------------------------------------------------------------
-
-enum { WIND_GUSTS = 0x77696e64, WIND_NOISE = 0x6e6f6973 }; // streams of random numbers
-
-pci_wind pci_wind_begin(uint32_t seed, double top_speed) {
-    const pci_wind wind = {.seed = seed, .top_speed = top_speed};
-    return wind;
-}
-
-void pci_wind_next(pci_wind *wind, double velocity[3]) {
-    if (wind->step == wind->gust_end) {
-        // Uniform on the sphere, 0.2 to 1 of the top speed, for 30 to 90 steps.
-        const uint64_t first = 4 * wind->gust++;
-        const double z = 2.0 * pci_random(wind->seed, WIND_GUSTS, first) - 1.0;
-        const double angle = 6.283185307179586 * pci_random(wind->seed, WIND_GUSTS, first + 1);
-        const double strength =
-            wind->top_speed * (0.2 + 0.8 * pci_random(wind->seed, WIND_GUSTS, first + 2));
-        const double radius = sqrt(1.0 - z * z);
-        wind->target[0] = strength * radius * cos(angle);
-        wind->target[1] = strength * radius * sin(angle);
-        wind->target[2] = strength * z;
-        wind->gust_end += 30 + pci_random_bits(wind->seed, WIND_GUSTS, first + 3) % 61;
-    }
-    // Low-pass, then 10 % noise.
-    const double noise = 2.0 * pci_random(wind->seed, WIND_NOISE, wind->step) - 1.0;
-    for (size_t k = 0; k < 3; ++k) {
-        wind->smooth[k] += 0.15 * (wind->target[k] - wind->smooth[k]);
-        velocity[k] = wind->smooth[k] * (1.0 + 0.1 * noise);
-    }
-    ++wind->step;
-}
-
-// ---- the stage ----------------------------------------------------------------------------------
-
-typedef struct height {
-    double value;
-    uint32_t vertex;
-} height;
-
-static int compare_heights(const void *a, const void *b) {
-    const height *x = a, *y = b;
-    if (x->value != y->value) {
-        return x->value > y->value ? -1 : 1;
-    }
-    return x->vertex < y->vertex ? -1 : x->vertex > y->vertex;
-}
-
-// 1e-9: the product may lie just above a whole number.
-static size_t pin_count(double fraction, size_t vertex_count) {
-    const double wanted = ceil(fraction * (double)vertex_count - 1e-9);
-    return wanted > 0.0 ? (size_t)wanted : 0;
-}
-
-// Holds the highest ceil(fraction * #V) vertices, and likewise in every connected part that would
-// otherwise fall for ever.
-static bool pin_highest(pci_scratch *scratch, const pc_mesh *mesh, double fraction, size_t axis,
-                        uint8_t *pinned, uint64_t *pinned_count) {
-    const size_t nv = mesh->vertex_count;
-    height *heights = PCI_SCRATCH(scratch, height, nv);
-    uint32_t *parts = PCI_SCRATCH(scratch, uint32_t, nv);
-    size_t *sizes = PCI_SCRATCH(scratch, size_t, nv);   // of the part that starts at v
-    size_t *missing = PCI_SCRATCH(scratch, size_t, nv); // vertices of it that must still be held
-    if (scratch->failed) {
-        return false;
-    }
-    for (size_t v = 0; v < nv; ++v) {
-        heights[v].value = mesh->positions[3 * v + axis];
-        heights[v].vertex = (uint32_t)v;
-    }
-    qsort(heights, nv, sizeof(*heights), compare_heights);
-    (void)pci_vertex_components(mesh, parts);
-    for (size_t v = 0; v < nv; ++v) {
-        ++sizes[pci_find_root(parts, (uint32_t)v)];
-    }
-    for (size_t v = 0; v < nv; ++v) {
-        missing[v] = pin_count(fraction, sizes[v]);
-    }
-    const size_t highest = pin_count(fraction, nv);
-    *pinned_count = highest;
-    for (size_t i = 0; i < highest; ++i) {
-        pinned[heights[i].vertex] = 1;
-        missing[pci_find_root(parts, heights[i].vertex)] = 0;
-    }
-    for (size_t i = highest; i < nv; ++i) {
-        size_t *left = &missing[pci_find_root(parts, heights[i].vertex)];
-        if (*left > 0) {
-            --*left;
-            pinned[heights[i].vertex] = 1;
-            ++*pinned_count;
-        }
-    }
-    return true;
-}
+// ---- measures and masses
+// --------------------------------------------------------------------------
 
 // A third of each triangle's mass per corner; held and unused vertices get inverse mass 0.
 static bool fill_inverse_masses(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *pinned,
@@ -341,9 +93,37 @@ static bool fill_inverse_masses(pci_scratch *scratch, const pc_mesh *mesh, const
     return true;
 }
 
-static int compare_doubles(const void *a, const void *b) {
-    const double x = *(const double *)a, y = *(const double *)b;
-    return x < y ? -1 : x > y;
+// The value that would be at `rank` in ascending order; moves values around (Hoare's selection).
+static double select_rank(double *values, ptrdiff_t count, ptrdiff_t rank) {
+    ptrdiff_t low = 0, high = count - 1;
+    while (low < high) {
+        // The median of three is a good pivot for values in any common order.
+        const double a = values[low], b = values[low + (high - low) / 2], c = values[high];
+        const double pivot = fmax(fmin(a, b), fmin(fmax(a, b), c));
+        ptrdiff_t i = low, j = high;
+        while (i <= j) {
+            while (values[i] < pivot) {
+                ++i;
+            }
+            while (values[j] > pivot) {
+                --j;
+            }
+            if (i <= j) {
+                const double swapped = values[i];
+                values[i++] = values[j];
+                values[j--] = swapped;
+            }
+        }
+        // Up to j nothing exceeds the pivot, from i on nothing is below it.
+        if (rank <= j) {
+            high = j;
+        } else if (rank >= i) {
+            low = i;
+        } else {
+            break;
+        }
+    }
+    return values[rank];
 }
 
 // Strain of the edges over all frames, and the largest displacement.
@@ -356,7 +136,7 @@ static bool measure_motion(pci_scratch *scratch, const pc_mesh *rest, const pc_m
         return false;
     }
     size_t written = 0;
-    double sum = 0.0, range = 0.0;
+    double sum = 0.0, range = 0.0, largest = 0.0;
     for (size_t f = 0; f < motion->frame_count; ++f) {
         const double *frame = &motion->positions[3 * nv * f];
         for (size_t e = 0; e < edge_count; ++e) {
@@ -365,6 +145,7 @@ static bool measure_motion(pci_scratch *scratch, const pc_mesh *rest, const pc_m
             if (before > 0.0) {
                 const double after = pci_squared_distance(&frame[a], &frame[b]);
                 strains[written] = fabs(sqrt(after / before) - 1.0);
+                largest = fmax(largest, strains[written]);
                 sum += strains[written++];
             }
         }
@@ -375,66 +156,52 @@ static bool measure_motion(pci_scratch *scratch, const pc_mesh *rest, const pc_m
     }
     report->motion_range = sqrt(range) / diagonal;
     if (written > 0) {
-        qsort(strains, written, sizeof(*strains), compare_doubles);
         report->mean_strain = sum / (double)written;
-        report->p95_strain = strains[(size_t)(0.95 * (double)(written - 1))];
-        report->max_strain = strains[written - 1];
+        report->p95_strain =
+            select_rank(strains, (ptrdiff_t)written, (ptrdiff_t)(0.95 * (double)(written - 1)));
+        report->max_strain = largest;
     }
     return true;
 }
 
-// Steps the cloth through all frames and writes them, scaled back to the unit of the file.
-static pc_status run_frames(pc_context *context, const pc_simulate_options *options,
-                            pci_cloth *cloth, double scale, const pc_mesh *proxy, pc_motion *motion,
-                            double *max_speed) {
-    const size_t nv = cloth->vertex_count;
-    pci_wind wind = pci_wind_begin(options->seed, options->wind_speed);
-    double squared_speed = 0.0;
-    for (size_t f = 0; f < motion->frame_count; ++f) {
-        if (!pci_progress(context, stage, (double)f / (double)motion->frame_count)) {
-            return pci_fail_cancelled(context, stage);
-        }
-        for (uint32_t s = 0; s < options->frame_steps; ++s) {
-            double velocity[3];
-            pci_wind_next(&wind, velocity);
-            pci_cloth_step(cloth, velocity);
-            for (size_t v = 0; v < nv; ++v) {
-                const double *at = &cloth->velocities[3 * v];
-                const double speed = pci_dot(at, at);
-                squared_speed = speed > squared_speed ? speed : squared_speed;
-            }
-        }
-        for (size_t k = 0; k < 3 * nv; ++k) {
-            const double value =
-                motion->pinned[k / 3] ? proxy->positions[k] : cloth->positions[k] / scale;
-            if (!isfinite(value)) {
-                return pci_fail(context, PC_ERROR_NUMERICAL, stage,
-                                "simulate: vertex %zu left the finite numbers at frame %zu", k / 3,
-                                f);
-            }
-            motion->positions[3 * nv * f + k] = value;
-        }
-    }
-    *max_speed = sqrt(squared_speed);
-    return PC_OK;
-}
+// ---- what a run holds
+// -----------------------------------------------------------------------------
+
+typedef struct run {
+    pc_context *context;
+    const pc_simulate_inputs *inputs;
+    const pc_simulate_options *options;
+    double scale; // simulated length per length of the file
+    pc_mesh rest; // the proxy at the simulated size
+    pci_cloth cloth;
+    const pci_spring *springs;
+    size_t edge_count;
+    double *targets; // #V by 3, or NULL: nothing moves
+    pci_poses poses;
+    pci_binding binding;
+    pci_wind wind;
+    pc_motion *motion;
+    pc_simulate_report report;
+} run;
 
 // Fills the cloth from the proxy at the simulated size.
-static bool set_up(pci_scratch *scratch, const pc_mesh *proxy, double scale,
-                   const pc_simulate_options *options, pc_motion *motion, pci_cloth *cloth,
-                   pc_mesh *rest, size_t *edge_count, pc_simulate_report *report) {
+static bool fill_cloth(run *r, pci_scratch *scratch) {
+    const pc_mesh *proxy = r->inputs->proxy;
+    const pc_simulate_options *options = r->options;
     const size_t nv = proxy->vertex_count;
-    *rest = *proxy;
-    rest->positions = PCI_SCRATCH(scratch, double, 3 * nv);
+    pci_cloth *cloth = &r->cloth;
+    r->rest = *proxy;
+    r->rest.positions = PCI_SCRATCH(scratch, double, 3 * nv);
     cloth->positions = PCI_SCRATCH(scratch, double, 3 * nv);
     cloth->velocities = PCI_SCRATCH(scratch, double, 3 * nv);
     cloth->previous = PCI_SCRATCH(scratch, double, 3 * nv);
     cloth->forces = PCI_SCRATCH(scratch, double, 3 * nv);
+    cloth->saved = options->substeps == 0 ? PCI_SCRATCH(scratch, double, 6 * nv) : NULL;
     if (scratch->failed) {
         return false;
     }
     for (size_t k = 0; k < 3 * nv; ++k) {
-        rest->positions[k] = cloth->positions[k] = scale * proxy->positions[k];
+        r->rest.positions[k] = cloth->positions[k] = r->scale * proxy->positions[k];
     }
     cloth->vertex_count = nv;
     cloth->triangle_count = proxy->triangle_count;
@@ -442,75 +209,255 @@ static bool set_up(pci_scratch *scratch, const pc_mesh *proxy, double scale,
     cloth->time_step = options->time_step;
     cloth->damping = options->damping;
     cloth->air_density = options->air_density;
+    cloth->area_density = options->area_density;
     cloth->gravity[options->up_axis] = -options->gravity;
     cloth->iterations = options->solver_iterations;
+    cloth->strain_limit = options->strain_limit;
+    cloth->dynamics = (pci_dynamics)options->dynamics;
+    // XPBD needs substeps in the place of sweeps.
+    const uint32_t usual = cloth->dynamics == PCI_DYNAMICS_XPBD ? options->solver_iterations : 1;
+    cloth->least_substeps = usual < PCI_MOST_SUBSTEPS ? usual : PCI_MOST_SUBSTEPS;
+    cloth->substeps = options->substeps != 0 ? options->substeps : cloth->least_substeps;
     pci_spring *springs = NULL;
-    const double stretch =
-        pci_sweep_stiffness(options->stretch_stiffness, options->solver_iterations);
-    const double bend = pci_sweep_stiffness(options->bend_stiffness, options->solver_iterations);
-    if (!pin_highest(scratch, rest, options->pinned_fraction, options->up_axis, motion->pinned,
-                     &report->pinned) ||
-        !fill_inverse_masses(scratch, rest, motion->pinned, options->area_density,
+    size_t spring_count = 0;
+    if (!fill_inverse_masses(scratch, &r->rest, r->motion->pinned, options->area_density,
                              &cloth->inverse_mass) ||
-        !pci_springs_build(scratch, rest, stretch, bend, &springs, &cloth->spring_count,
-                           edge_count)) {
+        !pci_springs_build(scratch, &r->rest, options->stretch_stiffness, options->bend_stiffness,
+                           &springs, &spring_count, &r->edge_count) ||
+        !pci_springs_pack(scratch, springs, spring_count, r->edge_count, cloth)) {
         return false;
     }
-    cloth->springs = springs;
-    report->stretch_springs = *edge_count;
-    report->bend_springs = cloth->spring_count - *edge_count;
+    r->springs = springs;
+    r->report.stretch_springs = r->edge_count;
+    r->report.bend_springs = spring_count - r->edge_count;
     return true;
 }
 
+static pc_status set_up(run *r, pci_scratch *scratch) {
+    const pc_simulate_options *options = r->options;
+    const size_t nv = r->inputs->proxy->vertex_count;
+    const pc_attachment *attachment = &r->inputs->scenario->attachment;
+    pc_status status =
+        pci_pin_vertices(scratch, r->inputs, options->pinned_fraction, options->up_axis,
+                         r->motion->pinned, &r->report.unmatched_pins);
+    if (status != PC_OK) {
+        return status;
+    }
+    for (size_t v = 0; v < nv; ++v) {
+        r->report.pinned += r->motion->pinned[v];
+    }
+    if (!fill_cloth(r, scratch)) {
+        return pci_fail_memory(r->context, stage);
+    }
+    status = pci_poses_begin(scratch, r->inputs, r->scale, &r->poses);
+    if (status == PC_OK && attachment->kind == PC_ATTACHMENT_CLIP) {
+        status = pci_bind_pins(scratch, r->inputs, r->motion->pinned, &r->binding);
+    }
+    if (status == PC_OK && attachment->kind != PC_ATTACHMENT_NONE) {
+        r->targets = PCI_SCRATCH(scratch, double, 3 * nv);
+        if (r->targets == NULL) {
+            return pci_fail_memory(r->context, stage);
+        }
+        memcpy(r->targets, r->rest.positions, 3 * nv * sizeof(double));
+        r->cloth.targets = r->targets;
+    }
+    if (status == PC_OK) {
+        status = pci_contacts_create(scratch, r->inputs, r->scale, options->contact_distance,
+                                     options->friction, &r->cloth.contacts);
+    }
+    return status;
+}
+
+// ---- steps
+// ----------------------------------------------------------------------------------------
+
+// Where the attachment wants pinned vertices and colliders at a time.
+static void aim(run *r, double time) {
+    const pc_attachment *attachment = &r->inputs->scenario->attachment;
+    const size_t nv = r->cloth.vertex_count;
+    if (attachment->kind == PC_ATTACHMENT_RIGID) {
+        pci_map map;
+        pci_rigid_at(attachment, r->scale, time, &map);
+        for (size_t v = 0; v < nv; ++v) {
+            if (r->motion->pinned[v]) {
+                pci_map_apply(&map, &r->rest.positions[3 * v], &r->targets[3 * v]);
+            }
+        }
+    } else if (attachment->kind == PC_ATTACHMENT_CLIP) {
+        pci_poses_set(&r->poses, time);
+        for (size_t v = 0; v < nv; ++v) {
+            if (r->motion->pinned[v]) {
+                pci_binding_apply(&r->binding, r->poses.maps, v, &r->rest.positions[3 * v],
+                                  &r->targets[3 * v]);
+            }
+        }
+    }
+    if (r->cloth.contacts != NULL) {
+        pci_contacts_aim(r->cloth.contacts, r->poses.maps);
+    }
+}
+
+// One step that ends at `time`.
+static void step_to(run *r, double time, const double wind[3]) {
+    aim(r, time);
+    pci_cloth_step(&r->cloth, wind);
+    if (r->cloth.substeps > r->report.most_substeps) {
+        r->report.most_substeps = r->cloth.substeps;
+    }
+}
+
+// What happens before time 0: a rigid motion starts anywhere, a clip is approached in still air.
+static pc_status lead_in(run *r) {
+    static const double calm[3] = {0.0, 0.0, 0.0};
+    const pc_attachment *attachment = &r->inputs->scenario->attachment;
+    const double dt = r->options->time_step;
+    if (attachment->kind == PC_ATTACHMENT_RIGID) {
+        pci_map map;
+        pci_rigid_at(attachment, r->scale, 0.0, &map);
+        for (size_t v = 0; v < r->cloth.vertex_count; ++v) {
+            pci_map_apply(&map, &r->rest.positions[3 * v], &r->cloth.positions[3 * v]);
+        }
+    } else if (attachment->kind == PC_ATTACHMENT_CLIP) {
+        const size_t steps = (size_t)ceil(attachment->blend / dt);
+        for (size_t s = 1; s <= steps; ++s) {
+            if (!pci_keep_going(r->context)) {
+                return pci_fail_cancelled(r->context, stage);
+            }
+            step_to(r, -dt * (double)(steps - s), calm);
+        }
+    }
+    return PC_OK;
+}
+
+// Copies the cloth to a frame, in the unit of the file.
+static pc_status keep_frame(run *r, size_t frame) {
+    const pc_mesh *proxy = r->inputs->proxy;
+    const size_t nv = r->cloth.vertex_count;
+    for (size_t k = 0; k < 3 * nv; ++k) {
+        const bool still = r->motion->pinned[k / 3] && r->targets == NULL;
+        const double value = still ? proxy->positions[k] : r->cloth.positions[k] / r->scale;
+        if (!isfinite(value)) {
+            return pci_fail(r->context, PC_ERROR_NUMERICAL, stage,
+                            "simulate: vertex %zu left the finite numbers at frame %zu", k / 3,
+                            frame);
+        }
+        r->motion->positions[3 * nv * frame + k] = value;
+    }
+    for (size_t v = 0; v < nv && r->cloth.contacts != NULL; ++v) {
+        if (r->cloth.inverse_mass[v] > 0.0) {
+            r->report.deepest_contact =
+                fmax(r->report.deepest_contact,
+                     pci_contacts_depth(r->cloth.contacts, &r->cloth.positions[3 * v]));
+        }
+    }
+    return PC_OK;
+}
+
+static pc_status run_frames(run *r) {
+    const pc_simulate_options *options = r->options;
+    const pc_scenario *scenario = r->inputs->scenario;
+    const size_t nv = r->cloth.vertex_count, frames = r->motion->frame_count;
+    double squared_speed = 0.0;
+    uint64_t step = 0;
+    pc_status status = lead_in(r);
+    for (size_t f = 0; f < frames && status == PC_OK; ++f) {
+        if (!pci_progress(r->context, stage, (double)f / (double)frames)) {
+            return pci_fail_cancelled(r->context, stage);
+        }
+        for (uint32_t s = 0; s < options->frame_steps; ++s) {
+            double wind[3];
+            if (scenario->wind_count != 0) {
+                pci_wind_at(scenario->winds, scenario->wind_count,
+                            options->time_step * (double)step, wind);
+            } else {
+                pci_wind_next(&r->wind, wind);
+            }
+            step_to(r, options->time_step * (double)++step, wind);
+            for (size_t v = 0; v < nv; ++v) {
+                const double *at = &r->cloth.velocities[3 * v];
+                const double speed = pci_dot(at, at);
+                squared_speed = speed > squared_speed ? speed : squared_speed;
+            }
+        }
+        status = keep_frame(r, f);
+    }
+    r->report.max_speed = sqrt(squared_speed);
+    return status;
+}
+
+// ---- the stage
+// ------------------------------------------------------------------------------------
+
 pc_status pc_simulate(pc_context *context, const pc_mesh *proxy, const pc_simulate_options *options,
                       pc_motion *motion, pc_simulate_report *report) {
-    if (motion == NULL || motion->positions != NULL || motion->pinned != NULL) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
-                        "simulate: the output is not empty");
-    }
-    pc_simulate_options chosen;
-    pc_status status = pci_check_mesh(context, stage, proxy, "proxy mesh");
+    const pc_simulate_inputs inputs = {.proxy = proxy};
+    return pc_simulate_scenario(context, &inputs, options, motion, report);
+}
+
+// Options and inputs, and the factor to the simulated size.
+static pc_status begin(pc_context *context, pc_simulate_inputs *inputs,
+                       const pc_simulate_options *given, pc_simulate_options *options,
+                       double *scale, double *diagonal) {
+    static const pc_scenario paper;
+    pc_status status = pci_check_mesh(context, stage, inputs->proxy, "proxy mesh");
     if (status == PC_OK) {
-        status = pci_begin_stage(context, stage, &pc_simulate_options_record, options, &chosen);
+        status = pci_begin_stage(context, stage, &pc_simulate_options_record, given, options);
+    }
+    if (status == PC_OK && inputs->scenario != NULL) {
+        status = pc_scenario_check(context, inputs->scenario);
+    } else {
+        inputs->scenario = &paper;
     }
     if (status != PC_OK) {
         return status;
     }
-    options = &chosen;
-    const double diagonal = pci_diagonal(proxy);
-    const double scale = chosen.garment_size > 0.0 ? chosen.garment_size / diagonal : 1.0;
-    if (!(diagonal > 0.0) || !isfinite(scale)) {
+    *diagonal = pci_diagonal(inputs->proxy);
+    *scale = options->garment_size > 0.0 ? options->garment_size / *diagonal : 1.0;
+    if (!(*diagonal > 0.0) || !isfinite(*scale)) {
         return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
-                        "simulate: the proxy mesh has diagonal %g", diagonal);
+                        "simulate: the proxy mesh has diagonal %g", *diagonal);
     }
+    return PC_OK;
+}
 
+pc_status pc_simulate_scenario(pc_context *context, const pc_simulate_inputs *given_inputs,
+                               const pc_simulate_options *given, pc_motion *motion,
+                               pc_simulate_report *report) {
+    if (given_inputs == NULL || motion == NULL || motion->positions != NULL ||
+        motion->pinned != NULL) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                        "simulate: no inputs, or the output is not empty");
+    }
+    pc_simulate_options options;
+    pc_simulate_inputs inputs = *given_inputs;
+    double diagonal = 0.0;
+    run r = {.context = context, .inputs = &inputs, .options = &options, .motion = motion};
+    pc_status status = begin(context, &inputs, given, &options, &r.scale, &diagonal);
+    if (status != PC_OK) {
+        return status;
+    }
     pci_scratch scratch = pci_scratch_begin(context);
-    pc_simulate_report measured = {0};
-    pci_cloth cloth = {0};
-    pc_mesh rest = {0};
-    size_t edge_count = 0;
-    motion->vertex_count = proxy->vertex_count;
-    motion->frame_count = options->frames;
-    motion->frame_time = options->time_step * (double)options->frame_steps;
-    motion->positions = PCI_ALLOCATE(context, double, 3 * proxy->vertex_count * options->frames);
-    motion->pinned = PCI_ALLOCATE(context, uint8_t, proxy->vertex_count);
-    if (motion->positions == NULL || motion->pinned == NULL ||
-        !set_up(&scratch, proxy, scale, options, motion, &cloth, &rest, &edge_count, &measured)) {
-        status = pci_fail_memory(context, stage);
-        goto cleanup;
+    const size_t nv = inputs.proxy->vertex_count;
+    r.wind = pci_wind_begin(options.seed, options.wind_speed);
+    motion->vertex_count = nv;
+    motion->frame_count = options.frames;
+    motion->frame_time = options.time_step * (double)options.frame_steps;
+    motion->positions = PCI_ALLOCATE(context, double, 3 * nv * options.frames);
+    motion->pinned = PCI_ALLOCATE(context, uint8_t, nv);
+    status = motion->positions != NULL && motion->pinned != NULL ? set_up(&r, &scratch)
+                                                                 : pci_fail_memory(context, stage);
+    if (status == PC_OK) {
+        status = run_frames(&r);
     }
-    status = run_frames(context, options, &cloth, scale, proxy, motion, &measured.max_speed);
-    if (status == PC_OK &&
-        !measure_motion(&scratch, proxy, motion, cloth.springs, edge_count, diagonal, &measured)) {
+    if (status == PC_OK && !measure_motion(&scratch, inputs.proxy, motion, r.springs, r.edge_count,
+                                           diagonal, &r.report)) {
         status = pci_fail_memory(context, stage);
     }
-
-cleanup:
     pci_scratch_end(&scratch);
     if (status != PC_OK) {
         pc_motion_free(context, motion);
     } else if (report != NULL) {
-        *report = measured;
+        *report = r.report;
     }
     return status;
 }

@@ -1,15 +1,31 @@
-// Position based dynamics of springs, as a state and a step. For simulate.c and its tests.
+// The steps of the simulation stage: springs and time steps, winds, pins, poses, contacts.
 #ifndef PCI_SIMULATE_INTERNAL_H
 #define PCI_SIMULATE_INTERNAL_H
 
 #include "core/core.h"
-#include "proxycloth/mesh.h"
+#include "proxycloth/simulate.h"
+
+// ---- springs and steps (simulate_springs.c)
+// -------------------------------------------------------
 
 typedef struct pci_spring {
     uint32_t a, b;
     double rest;
-    double stiffness; // k' of one sweep, 0..1
+    double stiffness; // k of a whole step, 0..1
 } pci_spring;
+
+// Springs that share no vertex and are solved at a time. Unused lanes do nothing.
+enum { PCI_LANES = 4 };
+typedef struct pci_spring_block {
+    uint32_t a[PCI_LANES], b[PCI_LANES];
+    double rest[PCI_LANES];
+    double move_a[PCI_LANES], move_b[PCI_LANES]; // shares of the correction that the ends take
+    double stiffness[PCI_LANES];                 // of a whole step
+} pci_spring_block;
+
+typedef enum pci_dynamics { PCI_DYNAMICS_PBD, PCI_DYNAMICS_XPBD } pci_dynamics;
+
+struct pci_contacts;
 
 typedef struct pci_cloth {
     size_t vertex_count;
@@ -17,29 +33,51 @@ typedef struct pci_cloth {
     double *velocities;         // #V by 3, m/s
     double *previous;           // #V by 3, scratch of a step
     double *forces;             // #V by 3, scratch of a step
-    const double *inverse_mass; // #V, 1/kg; 0: held fixed
+    double *saved;              // #V by 6, scratch of an adaptive step; NULL: substeps are fixed
+    const double *inverse_mass; // #V, 1/kg; 0: held
+    const double *targets;      // #V by 3, where held vertices end this step; NULL: they stay
     size_t triangle_count;
     const uint32_t *triangles; // #F by 3
-    size_t spring_count;
-    const pci_spring *springs; // in the order in which they are solved
-    double time_step;          // s
-    double damping;            // share of the velocity lost per step
-    double air_density;        // kg/m^3
-    double gravity[3];         // m/s^2
-    uint32_t iterations;       // sweeps per step
+    size_t block_count;
+    size_t edge_block_count; // the first ones hold the springs along edges
+    pci_spring_block *blocks;
+    double time_step;    // s
+    double damping;      // share of the velocity lost per step
+    double air_density;  // kg/m^3
+    double area_density; // kg/m^2; 0: the wind force is not limited
+    double gravity[3];   // m/s^2
+    double strain_limit; // 0: none
+    uint32_t iterations; // sweeps per substep
+    pci_dynamics dynamics;
+    uint32_t substeps; // of the next step, at least 1
+    uint32_t least_substeps;
+    uint32_t prepared;             // substeps for which the blocks are prepared; 0: none
+    uint32_t calm_steps;           // steps since an adaptive step was last repeated
+    uint32_t wait_steps;           // steps until more substeps are tried again
+    struct pci_contacts *contacts; // NULL: none
 } pci_cloth;
 
-// One step of `time_step` under a uniform wind in m/s.
+// One step of `time_step` under a uniform wind in m/s. With `saved`, substeps adapt to the strain.
 void pci_cloth_step(pci_cloth *cloth, const double wind[3]);
 
-// Stiffness of one sweep so that `iterations` sweeps give k in total.
-double pci_sweep_stiffness(double k, uint32_t iterations);
+enum { PCI_MOST_SUBSTEPS = 64 };
+
+// Stiffness of one sweep so that `sweeps` sweeps give k in total.
+double pci_sweep_stiffness(double k, uint32_t sweeps);
 
 // Springs along the edges, then springs across them; both groups ordered by a greedy colouring, so
 // that neighbours in the list seldom share a vertex. `edge_spring_count` of them are edges.
 // False: out of memory.
 bool pci_springs_build(pci_scratch *scratch, const pc_mesh *mesh, double stretch, double bend,
                        pci_spring **springs, size_t *spring_count, size_t *edge_spring_count);
+
+// Packs springs into blocks; solving block by block is solving one after the other in their order.
+// False: out of memory.
+bool pci_springs_pack(pci_scratch *scratch, const pci_spring *springs, size_t count,
+                      size_t edge_count, pci_cloth *cloth);
+
+// ---- winds (simulate_wind.c)
+// ----------------------------------------------------------------------
 
 // Wind of random direction and strength: gusts of 30 to 90 steps, smoothed, with noise.
 typedef struct pci_wind {
@@ -52,5 +90,85 @@ typedef struct pci_wind {
 
 pci_wind pci_wind_begin(uint32_t seed, double top_speed);
 void pci_wind_next(pci_wind *wind, double velocity[3]);
+
+// The wind of a list at a time.
+void pci_wind_at(const pc_wind_key *keys, size_t count, double time, double velocity[3]);
+
+// ---- pins (simulate_pins.c)
+// -----------------------------------------------------------------------
+
+// Marks the vertices that the scenario's rules name, or the highest ceil(fraction * #V) without
+// rules; then, in every connected part without a held vertex, its highest ones. `axis` points up.
+// `unmatched` counts rules that name no vertex.
+PC_NODISCARD pc_status pci_pin_vertices(pci_scratch *scratch, const pc_simulate_inputs *inputs,
+                                        double fraction, size_t axis, uint8_t *pinned,
+                                        uint64_t *unmatched);
+
+// Whether `text` matches a pattern in which * stands for any text and ? for any byte.
+bool pci_matches(const char *pattern, const char *text);
+
+// ---- poses (simulate_pose.c)
+// ----------------------------------------------------------------------
+
+// Maps of all joints at one time, in the unit of the simulation.
+typedef struct pci_map {
+    double m[12]; // 3 rows of 4
+} pci_map;
+
+void pci_map_apply(const pci_map *map, const double point[3], double out[3]);
+// Inverse of an affine map; false and unchanged where it has none.
+bool pci_map_invert(const pci_map *map, pci_map *out);
+
+// What moves pinned vertices and colliders.
+typedef struct pci_poses {
+    const pc_character *character; // NULL: no joints
+    const pc_attachment *attachment;
+    double scale; // simulated length per length of the file
+    uint32_t first_pose, pose_count;
+    double rate;
+    pci_map *maps; // #joints, of the time given last
+} pci_poses;
+
+// Looks up the clip; PC_ERROR_INVALID_OPTIONS when there is none of this name.
+PC_NODISCARD pc_status pci_poses_begin(pci_scratch *scratch, const pc_simulate_inputs *inputs,
+                                       double scale, pci_poses *poses);
+// Sets the maps for a time in s; negative times lead from the rest pose to the clip's start.
+void pci_poses_set(pci_poses *poses, double time);
+// The rigid map of the attachment at a time.
+void pci_rigid_at(const pc_attachment *attachment, double scale, double time, pci_map *map);
+
+// Joints and weights of the pinned vertices, 4 by vertex; from the nearest point of the visual
+// mesh, or of the body. PC_ERROR_INVALID_OPTIONS when neither is skinned.
+typedef struct pci_binding {
+    uint32_t *joints;
+    double *weights;
+} pci_binding;
+PC_NODISCARD pc_status pci_bind_pins(pci_scratch *scratch, const pc_simulate_inputs *inputs,
+                                     const uint8_t *pinned, pci_binding *binding);
+// Where the joints take a vertex from its rest position.
+void pci_binding_apply(const pci_binding *binding, const pci_map *maps, size_t vertex,
+                       const double rest[3], double out[3]);
+
+// ---- contacts (simulate_contact.c)
+// ----------------------------------------------------------------
+
+typedef struct pci_contacts pci_contacts;
+
+// Colliders of the scenario at the simulated size; NULL where there are none. The distance field
+// of the body is computed here.
+PC_NODISCARD pc_status pci_contacts_create(pci_scratch *scratch, const pc_simulate_inputs *inputs,
+                                           double scale, double distance, double friction,
+                                           pci_contacts **contacts);
+// Colliders move from where they are to the maps of `joints` during the next step.
+void pci_contacts_aim(pci_contacts *contacts, const pci_map *joints);
+// Moves colliders between two shares (0..1) of the running step.
+void pci_contacts_place(pci_contacts *contacts, double before, double now);
+// Finds the contacts of all free vertices; then each call pushes them out of the contact planes.
+void pci_contacts_find(pci_contacts *contacts, const pci_cloth *cloth);
+void pci_contacts_solve(const pci_contacts *contacts, pci_cloth *cloth);
+// Removes what is left of penetration, with friction against the substep's start in `previous`.
+void pci_contacts_finish(pci_contacts *contacts, pci_cloth *cloth);
+// Depth of the point in the deepest collider; negative: distance to the nearest, where near.
+double pci_contacts_depth(pci_contacts *contacts, const double point[3]);
 
 #endif

@@ -5,6 +5,10 @@
 /// A loop is a hole only if its part has twice the area of a disc of that circumference; the outer
 /// rim of a small part is never closed.
 ///
+/// The border of the layer follows the voxels; with `snap_border` it is moved onto the garment's
+/// hems within 1.5 voxels (edges of one triangle with no other cloth in front), and the surface
+/// behind it follows. Straps of few voxels stay as they are.
+///
 /// Openings narrower than two voxels (cuffs, a neckline, the foot of a leg) are closed in the
 /// iso-surface. Always on: a part of the layer that leaves the visual mesh sideways by more than
 /// `carve_distance`, and around which the visual mesh ends (rims on at least 9 of 12 sides), is such
@@ -13,10 +17,6 @@
 ///
 /// With `carve` on, everything farther than `carve_distance` beside the visual mesh is cut away
 /// (section 5.1), so that separate parts can move freely.
-///
-/// The border of the layer follows the voxels; with `snap_border` it is moved onto the garment's
-/// hems within 1.5 voxels (edges of one triangle with no other cloth in front), and the surface
-/// behind it follows. Straps of few voxels stay as they are.
 ///
 /// DEVIATION: the distance is not geodesic; it is the share along the surface of the straight
 /// distance to the nearest point of the visual mesh. The two agree up to gaps of a few voxels, and

@@ -319,14 +319,14 @@ pc_status pc_carve(pc_context *context, const pc_mesh *surface, const pc_mesh *p
     if (status == PC_OK) {
         status = extract(&scratch, projected, labels->labels, &chosen, &layer, &counts);
     }
+    if (status == PC_OK && chosen.snap_border) {
+        status = pci_snap_border(context, stage, surface, visual, cell_size, &layer);
+    }
     if (status == PC_OK) {
         status = find_rims(&scratch, surface, visual, cell_size, &rims);
     }
     if (status == PC_OK) {
         status = cut(&scratch, visual, &rims, cell_size, &chosen, &layer, &counts);
-    }
-    if (status == PC_OK && chosen.snap_border) {
-        status = pci_snap_border(context, stage, surface, visual, cell_size, &layer);
     }
     if (status == PC_OK) {
         status = measure(&scratch, surface, &layer, cell_size, &counts);

@@ -27,6 +27,8 @@ static const pc_field settings_fields[] = {
      .help = "Whether several garments in one file share a proxy or get one each",
      .choices = part_choices},
     SETTING(png, BOOL, 1, 0, 1, "", "Write the contact sheet NAME.png"),
+    SETTING(strip, BOOL, 0, 0, 1, "",
+            "Write NAME.strip.png: turntable, weights, skinned frames and stretch in rows"),
     SETTING(json, BOOL, 0, 0, 1, "", "Print JSON"),
     SETTING(motion, BOOL, 0, 0, 1, "",
             "Measure the weights of an asset on a wind they have not seen"),
@@ -51,6 +53,7 @@ static bool accepts_setting(const cli_command *command, const pc_field *field) {
     case offsetof(cli_settings, motion):
         return (command->accepts & CLI_MOTION) != 0;
     case offsetof(cli_settings, png):
+    case offsetof(cli_settings, strip):
         return (command->accepts & CLI_PNG) != 0;
     default:
         return true;
@@ -120,6 +123,9 @@ static int unknown_option(const cli_command *command, const char *name, const ch
     if ((command->accepts & CLI_NAME) != 0) {
         cli_guess_add(&guess, "name");
     }
+    if ((command->accepts & CLI_WRITE_LP) != 0) {
+        cli_guess_add(&guess, "write-lp");
+    }
     if ((command->accepts & CLI_SCENARIO) != 0) {
         cli_guess_add(&guess, "scenario");
     }
@@ -183,9 +189,10 @@ static int match_text(const cli_command *command, cli_arguments *arguments, flag
                         (command->accepts & (CLI_OUTPUT_FILE | CLI_OUTPUT_FOLDER)) != 0;
     const bool name = strcmp(flag->name, "name") == 0 && (command->accepts & CLI_NAME) != 0;
     const bool mesh = strcmp(flag->name, "mesh") == 0 && (command->accepts & CLI_MESH) != 0;
+    const bool lp = strcmp(flag->name, "write-lp") == 0 && (command->accepts & CLI_WRITE_LP) != 0;
     const bool scenario =
         strcmp(flag->name, "scenario") == 0 && (command->accepts & CLI_SCENARIO) != 0;
-    if ((!output && !name && !mesh && !scenario) || flag->negated) {
+    if ((!output && !name && !mesh && !lp && !scenario) || flag->negated) {
         return CLI_OK;
     }
     flag->known = true;
@@ -197,6 +204,8 @@ static int match_text(const cli_command *command, cli_arguments *arguments, flag
         arguments->output = text;
     } else if (name) {
         arguments->name = text;
+    } else if (lp) {
+        arguments->lp = text;
     } else if (scenario) {
         arguments->scenario = text;
     } else {

@@ -29,6 +29,7 @@ typedef struct cli_settings {
     double import_seconds;
     uint32_t parts; // cli_part_mode
     bool png;
+    bool strip;
     bool json;
     bool motion;
     bool quiet;
@@ -44,10 +45,11 @@ typedef enum cli_accepts {
     CLI_NAME = 1 << 2,          // --name
     CLI_MESH = 1 << 3,          // --mesh, --import-memory, --import-seconds
     CLI_JSON = 1 << 4,          // --json
-    CLI_PNG = 1 << 5,           // --png
+    CLI_PNG = 1 << 5,           // --png, --strip
     CLI_MOTION = 1 << 6,        // --motion and its options
     CLI_SCENARIO = 1 << 7,      // --scenario
-    CLI_PARTS = 1 << 8          // --parts
+    CLI_WRITE_LP = 1 << 8,      // --write-lp
+    CLI_PARTS = 1 << 9          // --parts
 } cli_accepts;
 
 enum { CLI_MAXIMUM_LEVELS = 16 };
@@ -58,6 +60,7 @@ typedef struct cli_arguments {
     const char *output;   // NULL: not given
     const char *name;     // NULL: not given
     const char *scenario; // file; its options are in `options`, flags override them
+    const char *lp;       // NULL: not given
     const char **patterns;
     size_t pattern_count;
     bool help;
@@ -190,7 +193,7 @@ int cli_output_commit(const cli_command *command, cli_output *output);
 // Removes whatever is still staged, and folders that were made in vain.
 void cli_output_end(cli_output *output);
 
-// Writes glb, proxy.obj, json, png (and h5) of a finished asset.
+// Writes glb, proxy.obj, json, png (and h5, strip.png) of a finished asset.
 int cli_export_files(const cli_command *command, const cli_arguments *arguments,
                      pc_context *context, const pc_asset *asset, const pc_timings *timings,
                      bool with_asset, cli_output *output);

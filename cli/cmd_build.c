@@ -13,10 +13,12 @@ typedef enum result_file {
     FILE_ASSET,
     FILE_REPORT,
     FILE_SHEET,
+    FILE_STRIP,
     FILE_COUNT
 } result_file;
 
-static const char *const extensions[FILE_COUNT] = {".glb", ".proxy.obj", ".h5", ".json", ".png"};
+static const char *const extensions[FILE_COUNT] = {".glb",  ".proxy.obj", ".h5",
+                                                   ".json", ".png",       ".strip.png"};
 
 static pc_status write_file(pc_context *context, result_file file, const pc_asset *asset,
                             const pc_timings *timings, const pc_measures *measures,
@@ -32,6 +34,8 @@ static pc_status write_file(pc_context *context, result_file file, const pc_asse
         return pc_export_report(context, asset, measures, timings, path);
     case FILE_SHEET:
         return pc_export_contact_sheet(context, asset, NULL, path);
+    case FILE_STRIP:
+        return pc_export_strip(context, asset, NULL, path);
     case FILE_COUNT:
         break;
     }
@@ -59,7 +63,8 @@ int cli_export_files(const cli_command *command, const cli_arguments *arguments,
     cli_begin_writing();
     for (result_file file = 0; file < FILE_COUNT; ++file) {
         if ((file == FILE_ASSET && !with_asset) ||
-            (file == FILE_SHEET && !arguments->settings.png)) {
+            (file == FILE_SHEET && !arguments->settings.png) ||
+            (file == FILE_STRIP && !arguments->settings.strip)) {
             continue;
         }
         if (cli_interrupted()) {

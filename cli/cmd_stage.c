@@ -27,7 +27,11 @@ static int import_visual(const cli_command *command, const cli_arguments *argume
 }
 
 static int run_and_save(const cli_command *command, pc_context *context, const pc_options *options,
-                        pc_asset *asset, const char *input, const char *output) {
+                        pc_asset *asset, const cli_arguments *arguments, const char *output) {
+    const char *input = arguments->inputs[0];
+    if (arguments->lp != NULL && strcmp(arguments->lp, output) == 0) {
+        return cli_fail(command->name, CLI_USAGE, "--write-lp: %s is the asset file", output);
+    }
     const pc_stage_info *info = pc_stage_describe(command->stage);
     pc_status status = pc_run_stage(context, command->stage, options, asset, NULL);
     if (status != PC_OK) {
@@ -36,6 +40,13 @@ static int run_and_save(const cli_command *command, pc_context *context, const p
     cli_warn_report(command->name, info->name, info->report,
                     (const char *)&asset->reports + info->report_offset);
     cli_begin_writing();
+    if (arguments->lp != NULL) {
+        // Without the file that was asked for, the asset stays as it was.
+        status = pc_label_write_lp(context, &asset->graph, &options->label, arguments->lp);
+        if (status != PC_OK) {
+            return cli_fail_status(command->name, context, status, arguments->lp, true);
+        }
+    }
     status = pc_asset_save(context, asset, output);
     return status == PC_OK ? CLI_OK : cli_fail_status(command->name, context, status, output, true);
 }
@@ -67,7 +78,7 @@ static int run_levels(const cli_command *command, const cli_arguments *arguments
                    ? cli_extend_name(command, base, "lod", arguments->levels[i], asset->name)
                    : cli_fail(command->name, CLI_FAILED, "memory ran out");
         if (code == CLI_OK) {
-            code = run_and_save(command, context, &options, asset, arguments->inputs[0], path);
+            code = run_and_save(command, context, &options, asset, arguments, path);
         }
         free(path);
     }
@@ -93,7 +104,7 @@ static int run(const cli_command *command, const cli_arguments *arguments, pc_co
     if (arguments->level_count > 0) {
         return run_levels(command, arguments, context, asset, output);
     }
-    return run_and_save(command, context, &arguments->options, asset, input, output);
+    return run_and_save(command, context, &arguments->options, asset, arguments, output);
 }
 
 int cli_run_stage(const cli_command *command, cli_arguments *arguments) {

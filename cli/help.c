@@ -70,6 +70,9 @@ void cli_print_help(const cli_command *command) {
     if ((command->accepts & CLI_OUTPUT_FILE) != 0) {
         print_line("-o, --output ASSET", "Asset file to write", "");
     }
+    if ((command->accepts & CLI_WRITE_LP) != 0) {
+        print_line("--write-lp FILE", "Write the integer program too, in CPLEX LP format", "");
+    }
     if ((command->accepts & CLI_NAME) != 0) {
         print_line("--name NAME", "Name of the garment and of its files",
                    "[default: the input's name]");
@@ -89,6 +92,7 @@ void cli_print_help(const cli_command *command) {
     }
     if ((command->accepts & CLI_PNG) != 0) {
         print_setting("png");
+        print_setting("strip");
     }
     if ((command->accepts & CLI_MOTION) != 0) {
         print_setting("motion");

@@ -92,6 +92,9 @@ static cli_command stage_command(pc_stage stage) {
                           "later\nstages are dropped. --vertices 64,128,512 writes one file per "
                           "level of detail,\nASSET.lod64.h5 and so on; ASSET stays as it is.\n";
     }
+    if (stage == PC_STAGE_LABEL) {
+        command.accepts |= CLI_WRITE_LP;
+    }
     if (stage == PC_STAGE_VOXELIZE) {
         command.operands = "INPUT -o ASSET";
         command.details = "INPUT is a mesh or scene file, or an asset file whose visual mesh is "

@@ -6,7 +6,7 @@ root=$(cd "$(dirname "$0")/.." && pwd)
 jobs=$(nproc 2>/dev/null || echo 2)
 
 sh "$root/src/cmake/debian_packages.sh" gcc g++ libc6-dev make cmake pkg-config clang \
-    libembree-dev libhdf5-dev libsuitesparse-dev libassimp-dev libpng-dev libcjson-dev libcmocka-dev
+    libembree-dev libhdf5-dev libsuitesparse-dev libassimp-dev libpng-dev libcjson-dev libcmocka-dev coinor-cbc
 
 # build NAME CMAKE_ARGUMENT...: configures and builds in build/NAME.
 build() {

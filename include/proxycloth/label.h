@@ -41,6 +41,9 @@ typedef struct pc_label_options {
     double lambda_opposite; ///< lambda_o
     double lambda_bias;
     uint32_t label_effort; ///< work budget for packing (steps 3 and 4); 0 leaves it out
+    /// Time limit for packing, looked at between its rounds, so that a call may last a little
+    /// longer. 0: none. Results under a limit are not reproducible.
+    double label_seconds;
 } pc_label_options;
 
 typedef struct pc_label_report {
@@ -73,6 +76,15 @@ PC_NODISCARD pc_status pc_label(pc_context *context, const pc_graph *graph,
 /// @param[in] labels   one per vertex of the graph.
 double pc_label_objective(const pc_graph *graph, const pc_label_options *options,
                           const uint8_t *labels);
+
+/// Writes the integer program, equations (2) to (5), in CPLEX LP format. Variables: l0, l1, ... are
+/// the labels; sE_xy and oE_xy are 1 where mesh edge or opposite edge E has labels (x, y). There is
+/// no constant term: the optimum is the least objective of pc_label.
+/// @param[in] options  weights; NULL for the defaults.
+/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (as pc_label; NULL); PC_ERROR_INVALID_OPTIONS;
+///         PC_ERROR_TOO_LARGE; PC_ERROR_IO; PC_ERROR_OUT_OF_MEMORY.
+PC_NODISCARD pc_status pc_label_write_lp(pc_context *context, const pc_graph *graph,
+                                         const pc_label_options *options, const char *path);
 
 #ifdef __cplusplus
 }

@@ -1,4 +1,4 @@
-// Wall clock for reports; no result ever depends on it.
+// Wall clock for reports and for limits that users ask for; nothing else depends on it.
 #ifndef PCI_CLOCK_H
 #define PCI_CLOCK_H
 

@@ -1,5 +1,7 @@
 #include "core/roof_duality.h"
 
+#include <stdlib.h>
+
 #include "core/maxflow.h"
 
 // The double cover has a node 2v for "v has label 1" and 2v + 1 for "v has label 0"; residual arcs
@@ -12,7 +14,8 @@ typedef struct cover {
     uint32_t *arcs;
 } cover;
 
-static bool make_cover(pci_scratch *scratch, const pci_signed_graph *graph, cover *c) {
+static bool make_cover(pci_scratch *scratch, const pci_signed_graph *graph,
+                       const int64_t *capacities, cover *c) {
     const size_t nodes = 2 * graph->vertex_count, arcs = 4 * graph->edge_count;
     c->heads = PCI_SCRATCH(scratch, uint32_t, arcs);
     c->offsets = PCI_SCRATCH(scratch, size_t, nodes + 2);
@@ -24,16 +27,17 @@ static bool make_cover(pci_scratch *scratch, const pci_signed_graph *graph, cove
     }
     for (size_t e = 0; e < graph->edge_count; ++e) {
         const pci_signed_edge *edge = &graph->edges[e];
+        const int64_t cost = capacities != NULL ? capacities[e] : edge->cost;
         const uint32_t a = 2 * edge->a, b = 2 * edge->b + (edge->opposite ? 1u : 0u);
         const uint32_t heads[4] = {b, a, a ^ 1u, b ^ 1u};
         memcpy(&c->heads[4 * e], heads, sizeof(heads));
         if (edge->a == PCI_GROUND) {
-            c->net.terminals[b] += edge->cost;
-            c->net.terminals[b ^ 1u] -= edge->cost;
+            c->net.terminals[b] += cost;
+            c->net.terminals[b ^ 1u] -= cost;
             continue;
         }
         for (size_t k = 0; k < 4; ++k) {
-            c->net.capacities[4 * e + k] = edge->cost;
+            c->net.capacities[4 * e + k] = cost;
             ++c->offsets[heads[k ^ 1] + 2];
         }
     }
@@ -125,7 +129,7 @@ bool pci_roof_duality(pci_scratch *scratch, const pci_signed_graph *graph, pci_r
     uint32_t *component = PCI_SCRATCH(&local, uint32_t, 2 * n);
     uint32_t *part = PCI_SCRATCH(&local, uint32_t, 2 * n);
     int64_t flow = 0;
-    bool ok = !scratch->failed && !local.failed && make_cover(&local, graph, &c) &&
+    bool ok = !scratch->failed && !local.failed && make_cover(&local, graph, NULL, &c) &&
               pci_maxflow(scratch->context, &c.net, &flow, fixed);
     if (ok) {
         // Strong persistency: what the source reaches is true in every optimum.
@@ -157,6 +161,32 @@ bool pci_roof_duality(pci_scratch *scratch, const pci_signed_graph *graph, pci_r
             roof->components[v] = part[yes];
         }
     }
+    pci_scratch_end(&local);
+    return ok;
+}
+
+bool pci_pack_ground_cycles(pci_scratch *scratch, const pci_signed_graph *graph,
+                            int64_t *capacities, int64_t *gain) {
+    cover c = {0};
+    pci_scratch local = pci_scratch_begin(scratch->context);
+    uint8_t *reachable = PCI_SCRATCH(&local, uint8_t, 2 * graph->vertex_count);
+    int64_t flow = 0;
+    const bool ok = !local.failed && make_cover(&local, graph, capacities, &c) &&
+                    pci_maxflow(scratch->context, &c.net, &flow, reachable);
+    for (size_t e = 0; e < graph->edge_count && ok; ++e) {
+        // The flow in the cover is worth half; each edge is there twice.
+        const pci_signed_edge *edge = &graph->edges[e];
+        int64_t used;
+        if (edge->a == PCI_GROUND) {
+            const size_t b = 2 * (size_t)edge->b;
+            used = 2 * capacities[e] - llabs(c.net.terminals[b]) - llabs(c.net.terminals[b + 1]);
+        } else {
+            used = llabs(capacities[e] - c.net.capacities[4 * e]) +
+                   llabs(capacities[e] - c.net.capacities[4 * e + 2]);
+        }
+        capacities[e] -= used / 2 + used % 2;
+    }
+    *gain = flow / 2;
     pci_scratch_end(&local);
     return ok;
 }

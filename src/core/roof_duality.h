@@ -15,4 +15,9 @@ typedef struct pci_roof {
 // The arrays come from `scratch`. False: out of memory or cancelled.
 bool pci_roof_duality(pci_scratch *scratch, const pci_signed_graph *graph, pci_roof *roof);
 
+// Packs cycles through the ground into the capacities of the edges, as many as roof duality proves,
+// and subtracts what they use. `gain`: the sum of their amounts, rounded down.
+bool pci_pack_ground_cycles(pci_scratch *scratch, const pci_signed_graph *graph,
+                            int64_t *capacities, int64_t *gain);
+
 #endif

@@ -86,7 +86,7 @@ static int compare_ranked(const void *left, const void *right) {
 
 // Labels that satisfy every edge of a spanning forest of least keys (Kruskal; the union-find
 // structure keeps each vertex's parity towards its root).
-static bool spanning_tree(pci_scratch *scratch, search *s, const double *keys) {
+static bool spanning_tree(pci_scratch *scratch, search *s, const float *keys) {
     const pci_signed_graph *graph = s->graph;
     ranked_edge *order = PCI_SCRATCH(scratch, ranked_edge, graph->edge_count);
     uint32_t *parent = PCI_SCRATCH(scratch, uint32_t, graph->vertex_count);
@@ -95,7 +95,7 @@ static bool spanning_tree(pci_scratch *scratch, search *s, const double *keys) {
         return false;
     }
     for (uint32_t e = 0; e < graph->edge_count; ++e) {
-        order[e] = (ranked_edge){keys != NULL ? keys[e] : -(double)graph->edges[e].cost, e};
+        order[e] = (ranked_edge){keys != NULL ? (double)keys[e] : -(double)graph->edges[e].cost, e};
     }
     if (graph->edge_count > 1) {
         qsort(order, graph->edge_count, sizeof(*order), compare_ranked);
@@ -135,28 +135,68 @@ static bool spanning_tree(pci_scratch *scratch, search *s, const double *keys) {
     return true;
 }
 
-bool pci_signed_search(pc_context *context, const pci_signed_graph *graph, const double *keys,
+// Takes over from the labels `s->labels` what is better there: their differences to `best` fall
+// into parts that share no edge, so each part is flipped or not by itself. Returns the new cost.
+static int64_t fuse(search *s, uint32_t *queue, uint8_t *state, uint8_t *best) {
+    const pci_signed_graph *graph = s->graph;
+    const size_t n = graph->vertex_count;
+    for (size_t v = 0; v < n; ++v) {
+        state[v] = s->labels[v] != best[v]; // 1: different, 0: not or done
+    }
+    for (uint32_t root = 1; root < n; ++root) {
+        if (!state[root]) {
+            continue;
+        }
+        size_t head = 0, tail = 0;
+        int64_t gain = 0;
+        queue[tail++] = root;
+        state[root] = 0;
+        while (head != tail) {
+            const uint32_t v = queue[head++];
+            for (size_t k = s->rows.offsets[v]; k < s->rows.offsets[v + 1]; ++k) {
+                const pci_signed_edge *edge = &graph->edges[s->rows.edges[k]];
+                const uint32_t w = pci_signed_other(edge, v);
+                if (s->labels[w] == best[w]) {
+                    const bool paid = (best[v] != best[w]) != edge->opposite;
+                    gain += paid ? edge->cost : -edge->cost;
+                } else if (state[w]) {
+                    state[w] = 0;
+                    queue[tail++] = w;
+                }
+            }
+        }
+        for (size_t k = 0; k < tail; ++k) {
+            // Done: both alike from here on.
+            if (gain > 0) {
+                best[queue[k]] ^= 1;
+            } else {
+                s->labels[queue[k]] ^= 1;
+            }
+        }
+    }
+    return pci_signed_graph_cost(graph, best);
+}
+
+bool pci_signed_search(pc_context *context, const pci_signed_graph *graph, const float *keys,
                        uint32_t runs, uint8_t *labels) {
     const size_t n = graph->vertex_count;
     pci_scratch scratch = pci_scratch_begin(context);
     search s = {.graph = graph};
     s.labels = PCI_SCRATCH(&scratch, uint8_t, n);
     s.gains = PCI_SCRATCH(&scratch, int64_t, n);
+    uint32_t *queue = PCI_SCRATCH(&scratch, uint32_t, n);
+    uint8_t *state = PCI_SCRATCH(&scratch, uint8_t, n);
     const bool ok = !scratch.failed && pci_signed_graph_rows(&scratch, graph, &s.rows) &&
                     spanning_tree(&scratch, &s, keys);
     if (ok) {
-        int64_t best = pci_signed_graph_cost(graph, labels);
         reset(&s);
         descend(&s);
-        for (uint32_t run = 0;; ++run) {
-            if (s.cost < best) {
-                best = s.cost;
-                memcpy(labels, s.labels, n);
-            }
-            if (run == runs) {
-                break;
-            }
+        fuse(&s, queue, state, labels);
+        memcpy(s.labels, labels, n);
+        for (uint32_t run = 0; run < runs; ++run) {
+            reset(&s);
             anneal(&s, run);
+            fuse(&s, queue, state, labels);
         }
     }
     pci_scratch_end(&scratch);

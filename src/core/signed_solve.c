@@ -2,7 +2,6 @@
 
 #include <stdlib.h>
 
-#include "core/cycle_bound.h"
 #include "core/elimination.h"
 #include "core/roof_duality.h"
 #include "core/signed_search.h"
@@ -236,7 +235,7 @@ static pc_status solve(solver *s, const pci_signed_graph *graph, pci_signed_solu
 }
 
 pc_status pci_signed_solve(pc_context *context, const char *stage, const pci_signed_graph *graph,
-                           uint64_t work, pci_signed_solution *solution) {
-    solver s = {.context = context, .stage = stage, .budget = {.total = work, .left = work}};
+                           pci_budget budget, pci_signed_solution *solution) {
+    solver s = {.context = context, .stage = stage, .budget = budget};
     return solve(&s, graph, solution);
 }

@@ -2,7 +2,7 @@
 #ifndef PCI_SIGNED_SOLVE_H
 #define PCI_SIGNED_SOLVE_H
 
-#include "core/signed_graph.h"
+#include "core/cycle_bound.h"
 
 typedef struct pci_signed_solution {
     uint8_t *labels;      // #vertices, from the caller
@@ -13,9 +13,9 @@ typedef struct pci_signed_solution {
     size_t unproven;      // components that ended without proof
 } pci_signed_solution;
 
-// `work` limits the search where the exact methods end, in visited entries.
+// `budget` limits the search where the exact methods end.
 // PC_ERROR_OUT_OF_MEMORY, PC_ERROR_CANCELLED.
 pc_status pci_signed_solve(pc_context *context, const char *stage, const pci_signed_graph *graph,
-                           uint64_t work, pci_signed_solution *solution);
+                           pci_budget budget, pci_signed_solution *solution);
 
 #endif

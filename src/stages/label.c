@@ -2,9 +2,11 @@
 
 #include <float.h>
 
+#include "core/clock.h"
 #include "core/core.h"
 #include "core/signed_solve.h"
 #include "core/union_find.h"
+#include "stages/label_check.h"
 
 #define OPTIMAL_GAP     1e-6
 #define WORK_PER_EFFORT UINT64_C(20000000)
@@ -21,6 +23,9 @@ static const pc_field option_fields[] = {
                      "Cost of keeping the inner side, in units of lambda_o"),
     PCI_FIELD_OPTION(pc_label_options, label_effort, UINT, 100, 0, 1000000, "",
                      "Work budget for what roof duality leaves open; 100 lasts for some seconds"),
+    PCI_FIELD_OPTION(pc_label_options, label_seconds, DOUBLE, 0.0, 0.0, 86400.0, "s",
+                     "Time limit for the same; 0 means none. Results under a limit may differ from "
+                     "run to run"),
 };
 const pc_record pc_label_options_record = PCI_RECORD(option_fields, pc_label_options);
 
@@ -52,7 +57,7 @@ typedef struct problem {
     int exponent;           // integer = real * 2^exponent
 } problem;
 
-static pc_status check_graph(pc_context *context, const pc_graph *graph) {
+pc_status pci_label_check(pc_context *context, const pc_graph *graph) {
     const size_t n = graph->vertex_count;
     if (n > (UINT32_MAX - 8) / 2 || graph->edge_count > UINT32_MAX / 64 ||
         graph->opposite_count > UINT32_MAX / 64) {
@@ -185,7 +190,7 @@ pc_status pc_label(pc_context *context, const pc_graph *graph, const pc_label_op
     pc_label_options chosen;
     pc_status status = pci_begin_stage(context, stage, &pc_label_options_record, options, &chosen);
     if (status == PC_OK) {
-        status = check_graph(context, graph);
+        status = pci_label_check(context, graph);
     }
     if (status != PC_OK) {
         return status;
@@ -205,8 +210,12 @@ pc_status pc_label(pc_context *context, const pc_graph *graph, const pc_label_op
         status = pci_fail_memory(context, stage);
         goto cleanup;
     }
-    status = pci_signed_solve(context, stage, &p.graph, options->label_effort * WORK_PER_EFFORT,
-                              &solution);
+    const pci_budget budget = {.total = options->label_effort * WORK_PER_EFFORT,
+                               .left = options->label_effort * WORK_PER_EFFORT,
+                               .deadline = options->label_seconds > 0.0
+                                               ? pci_clock_seconds() + options->label_seconds
+                                               : 0.0};
+    status = pci_signed_solve(context, stage, &p.graph, budget, &solution);
     if (status != PC_OK) {
         goto cleanup;
     }

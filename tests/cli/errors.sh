@@ -152,9 +152,14 @@ expect 3 "newer.h5.*use a newer proxycloth" export newer.h5 -o out
 for stage in isosurface project graph label; do
     "$program" "$stage" cloth.h5 2>stderr || fail "$stage"
 done
+expect 2 "--write-lp: a value is missing" label cloth.h5 --write-lp
+expect 2 "--write-lp: cloth.h5 is the asset file" label cloth.h5 --write-lp cloth.h5
+expect 2 "no option --write-lp" graph cloth.h5 --write-lp cloth.lp
+expect 2 "no option --write-pl; did you mean --write-lp" label cloth.h5 --write-pl cloth.lp
+expect 4 "cloth.obj/x.lp" label cloth.h5 --write-lp cloth.obj/x.lp
 cp cloth.h5 unlabelled.h5
 "$alter_asset" unlabelled unlabelled.h5 2>stderr || fail "alter_asset unlabelled"
-expect 1 "unlabelled.h5.*no triangle is left" carve unlabelled.h5
+expect 1 "unlabelled.h5.*no triangle is left" carve unlabelled.h5 --layer-source labels
 
 # Limits of the import child: time, and memory (or the crash that follows).
 awk 'BEGIN {

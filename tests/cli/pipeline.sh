@@ -70,7 +70,8 @@ run 0 voxelize outfit.obj -o stages.h5 --name outfit --voxels 16
 run 0 isosurface stages.h5
 run 0 project stages.h5
 run 0 graph stages.h5
-run 0 label stages.h5
+run 0 label stages.h5 --write-lp stages.lp
+tail -n 1 stages.lp | grep -q '^End$' || fail "--write-lp"
 run 0 carve stages.h5
 run 0 simplify stages.h5 --vertices 60
 run 0 simulate stages.h5 --frames 8
@@ -155,6 +156,10 @@ run 0 info a/b/out/outfit.glb
 grep -q ' bones' stdout || fail "no skin in the GLB"
 run 0 evaluate outfit.obj a/b/out/outfit.proxy.obj
 run 0 evaluate skinned.h5 skinned.h5
+
+# The strip on request.
+run 0 export skinned.h5 -o strip --strip --no-png
+holds strip "outfit.glb outfit.json outfit.proxy.obj outfit.strip.png"
 
 # Weights in another wind: the asset's, the same out of its GLB, and those without optimisation; the
 # same on any number of threads.

@@ -229,7 +229,7 @@ pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, dou
     const pci_skin_problem *p = a->frames.problem;
     const size_t count = p->vertex_count * p->slots;
     row_job job = {.a = a, .weights = weights, .before = a->before, .result = a->start};
-    double momentum = 1.0, lowered = 0.0;
+    double momentum = 1.0, lowered = 0.0, last_fall = INFINITY;
     memcpy(a->start, weights, count * sizeof(*weights));
     for (uint32_t round = 0; round < rounds; ++round) {
         const double share = (double)round / (double)rounds;
@@ -244,11 +244,12 @@ pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, dou
         for (uint32_t sweep = 0; sweep < SWEEPS; ++sweep) {
             pci_skin_quadratic_sweep(&a->quadratic, a->start, a->gradient, sweep % 2 == 1, weights);
         }
-        // Momentum that runs uphill is dropped. A quadratic function falls by half of what the
-        // gradient says on the way to its minimum.
+        // Momentum is dropped when it runs uphill, or so far past the minimum that a round has more
+        // to mend than the one before. A quadratic function falls by half of what the gradient says
+        // on the way to its minimum.
         double uphill = 0.0, fall = 0.0;
         for (size_t k = 0; k < count; ++k) {
-            uphill += (a->start[k] - weights[k]) * (weights[k] - a->before[k]);
+            uphill += a->gradient[k] * (weights[k] - a->before[k]);
             fall += 0.5 * a->gradient[k] * (a->start[k] - weights[k]);
         }
         lowered += fall;
@@ -256,8 +257,10 @@ pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, dou
             break;
         }
         const double next = 0.5 * (1.0 + sqrt(1.0 + 4.0 * momentum * momentum));
-        job.factor = uphill > 0.0 ? 0.0 : (momentum - 1.0) / next;
-        momentum = uphill > 0.0 ? 1.0 : next;
+        const bool restart = uphill > 0.0 || fall > last_fall;
+        job.factor = restart ? 0.0 : (momentum - 1.0) / next;
+        momentum = restart ? 1.0 : next;
+        last_fall = fall;
         pci_parallel_for(context, p->vertex_count, 256, extrapolate, &job);
     }
     return PC_OK;

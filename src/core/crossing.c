@@ -108,7 +108,7 @@ typedef struct sweep {
     uint32_t *pairs; // 2 per crossing, piece after piece; NULL: only count
 } sweep;
 
-static bool pair_crosses(const pc_mesh *mesh, uint32_t first, uint32_t second) {
+bool pci_pair_crosses(const pc_mesh *mesh, uint32_t first, uint32_t second) {
     double a[9], b[9];
     unsigned shared_a = 0, shared_b = 0, shared = 0;
     for (size_t i = 0; i < 3; ++i) {
@@ -152,7 +152,7 @@ static void sweep_boxes(void *user, size_t begin, size_t end, uint32_t worker) {
                                s->boxes[j].minimum[x] <= a->maximum[x];
              ++j) {
             const box *b = &s->boxes[j];
-            if (boxes_meet(s, a, b) && pair_crosses(s->mesh, a->triangle, b->triangle)) {
+            if (boxes_meet(s, a, b) && pci_pair_crosses(s->mesh, a->triangle, b->triangle)) {
                 ++count;
                 if (pair != NULL) {
                     *pair++ = a->triangle;

@@ -13,6 +13,9 @@
 bool pci_triangles_cross(const double a[9], unsigned shared_a, const double b[9],
                          unsigned shared_b);
 
+// The same for two triangles of a mesh; false when they share two or three vertices.
+bool pci_pair_crosses(const pc_mesh *mesh, uint32_t first, uint32_t second);
+
 // Pairs of triangles that cross, in an order that does not depend on the number of threads; pairs
 // that share two or three vertices are not looked at. `pairs` (2 by count, from scratch) may be
 // NULL. False: out of memory.

@@ -111,6 +111,9 @@ int cli_run_evaluate(const cli_command *command, cli_arguments *arguments) {
     if (arguments->settings.motion) {
         return cli_evaluate_motion(command, arguments);
     }
+    if (arguments->scenario != NULL) {
+        return cli_fail(command->name, CLI_USAGE, "--scenario needs --motion");
+    }
     if (arguments->input_count < 2) {
         return cli_fail(command->name, CLI_USAGE, "an input is missing; usage: proxycloth %s %s",
                         command->name, command->operands);

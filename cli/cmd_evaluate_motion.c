@@ -25,26 +25,38 @@ typedef struct comparison {
     size_t count;
 } comparison;
 
-// The asset's own simulation with another seed.
+// What the asset went through in random winds of another seed, or --scenario with its winds.
 static int simulate(comparison *c) {
-    const bool simulated = c->asset.stage_count > PC_STAGE_SIMULATE;
+    const pc_asset *asset = &c->asset;
+    const char *file = c->arguments->scenario;
+    const bool simulated = asset->stage_count > PC_STAGE_SIMULATE;
     const uint32_t seed = c->arguments->motion.wind_seed;
     pc_simulate_options options =
-        simulated ? c->asset.options.simulate : c->arguments->options.simulate;
-    if (simulated && options.seed == seed) {
+        simulated ? asset->options.simulate : c->arguments->options.simulate;
+    pc_scenario scenario = {0}, *own = file != NULL ? &scenario : NULL;
+    pc_status status = PC_OK;
+    if (own != NULL) {
+        status = pc_scenario_read(c->context, file, &options, own);
+    } else {
+        scenario = asset->scenario; // borrowed
+        scenario.wind_count = 0;
+        scenario.winds = NULL;
+    }
+    if (simulated && own == NULL && asset->scenario.wind_count == 0 && options.seed == seed) {
         cli_warn(c->command->name,
                  "the weights were made in the wind of seed %u; choose another with --wind-seed",
                  (unsigned)seed);
     }
     options.seed = seed;
-    const pc_simulate_inputs inputs = {.proxy = &c->asset.proxy,
-                                       .scenario = &c->asset.scenario,
-                                       .visual = &c->asset.visual,
-                                       .character = &c->asset.character};
-    const pc_status status = pc_simulate_scenario(c->context, &inputs, &options, &c->motion, NULL);
+    if (status == PC_OK) {
+        const pc_simulate_inputs inputs = {&asset->proxy, &scenario, &asset->visual,
+                                           &asset->character};
+        status = pc_simulate_scenario(c->context, &inputs, &options, &c->motion, NULL);
+    }
+    pc_scenario_free(c->context, own);
     return status == PC_OK ? CLI_OK
                            : cli_fail_status(c->command->name, c->context, status,
-                                             c->arguments->inputs[0], false);
+                                             file != NULL ? file : c->arguments->inputs[0], false);
 }
 
 static int measure(comparison *c, const char *name, const pc_skin *skin) {

@@ -59,7 +59,7 @@ static const cli_command commands_after[] = {
          "without optimisation: inverse distance, closest triangle, the same smoothed.\n",
      .minimum_inputs = 1,
      .maximum_inputs = 2,
-     .accepts = CLI_JSON | CLI_MESH | CLI_MOTION,
+     .accepts = CLI_JSON | CLI_MESH | CLI_MOTION | CLI_SCENARIO,
      .run = cli_run_evaluate},
     {.name = "help",
      .operands = "[COMMAND]",

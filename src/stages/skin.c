@@ -26,11 +26,10 @@ static const pc_field option_fields[] = {
                      "Weight of L_c"),
     PCI_FIELD_OPTION(pc_skin_options, lambda_attachment, DOUBLE, 0.1, 0.0, 1000000.0, "",
                      "Weight of L_a"),
-    PCI_FIELD_OPTION(
-        pc_skin_options, lambda_follow, DOUBLE, 3.0, 0.0, 1000000.0, "",
-        "Weight of L_f, following the closest point of the proxy: more keeps the motion "
-        "of the proxy, less gives smoother shape; alternate only"),
-    PCI_FIELD_OPTION(pc_skin_options, lambda_stretch, DOUBLE, 10.0, 0.0, 1000000.0, "",
+    PCI_FIELD_OPTION(pc_skin_options, lambda_follow, DOUBLE, 2.0, 0.0, 1000000.0, "",
+                     "Weight of L_f, following the proxy: more keeps the motion "
+                     "of the proxy, less gives smoother shape; alternate only"),
+    PCI_FIELD_OPTION(pc_skin_options, lambda_stretch, DOUBLE, 5.0, 0.0, 1000000.0, "",
                      "Weight of L_s, edges that keep their length; alternate only"),
     PCI_FIELD_OPTION(pc_skin_options, rounds, UINT, 32, 0, 100000, "rounds",
                      "Passes over all frames at most; alternate only"),
@@ -178,6 +177,7 @@ static pc_status prepare(pci_scratch *scratch, const pc_mesh *surface, const pc_
     if (!pci_skin_problem_build(scratch, surface, o->neighbours, &f->problem)) {
         return pci_fail_memory(f->context, stage);
     }
+    f->surface = surface;
     f->proxy = proxy;
     f->pinned = motion->pinned;
     f->bones = PCI_SCRATCH(scratch, uint32_t, nv * slots);

@@ -81,8 +81,7 @@ static void pass_blocks(void *user, size_t begin, size_t end, uint32_t worker) {
     const size_t nv = w->problem->vertex_count;
     pci_skin_data data = w->data;
     data.displacements = a->buffers[worker].displacements;
-    data.rotations = a->buffers[worker].rotations;
-    data.residuals = a->buffers[worker].residuals;
+    data.forces = a->buffers[worker].forces;
     for (size_t b = begin; b < end; ++b) {
         data.driver = w->drivers + b * w->driver_size;
         data.quaternions = w->quaternions + b * w->quaternion_size;
@@ -90,8 +89,9 @@ static void pass_blocks(void *user, size_t begin, size_t end, uint32_t worker) {
         memset(data.gradient, 0, a->partial_size);
         memset(&a->sums[b], 0, sizeof(a->sums[b]));
         w->kernel->displace(&data, 0, nv);
-        w->kernel->fit(&data, 0, nv, job->measured ? &a->sums[b] : NULL);
-        w->kernel->gradient(&data, 0, nv);
+        memset(data.forces, 0, 3 * PCI_BLOCK * nv * w->kernel->real_size);
+        w->kernel->scatter(&data, nv, job->measured ? &a->sums[b] : NULL);
+        w->kernel->collect(&data, 0, nv);
     }
 }
 
@@ -179,14 +179,13 @@ bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *pr
     a->buffers = PCI_SCRATCH(scratch, pci_skin_buffers, threads);
     for (size_t i = 0; i < threads && a->buffers != NULL; ++i) {
         a->buffers[i].displacements = pci_skin_reals(scratch, kernel, 3 * PCI_BLOCK * nv);
-        a->buffers[i].rotations = pci_skin_reals(scratch, kernel, 18 * PCI_BLOCK * nv);
-        a->buffers[i].residuals = pci_skin_reals(scratch, kernel, 6 * PCI_BLOCK * nv);
+        a->buffers[i].forces = pci_skin_reals(scratch, kernel, 3 * PCI_BLOCK * nv);
     }
     return !scratch->failed && build_gram(scratch, &a->frames, &a->gram);
 }
 
 void pci_skin_alternation_follow(pci_skin_alternation *a, const pc_mesh *proxy,
-                                 const pci_closest *closest) {
+                                 const pc_skin *followed) {
     const pci_skin_problem *p = a->frames.problem;
     double squares = 0.0;
     for (size_t k = 0; k < 3 * proxy->triangle_count; ++k) {
@@ -195,13 +194,14 @@ void pci_skin_alternation_follow(pci_skin_alternation *a, const pc_mesh *proxy,
         squares += pci_squared_distance(&proxy->positions[3 * i], &proxy->positions[3 * j]);
     }
     a->spacing = squares / (3.0 * (double)proxy->triangle_count);
+    const size_t slots = followed->influences;
     for (size_t v = 0; v < p->vertex_count; ++v) {
-        const uint32_t *corners = &proxy->triangles[3 * (size_t)closest[v].triangle];
         for (size_t k = v * p->slots; k < (v + 1) * p->slots; ++k) {
             const double *row = &a->gram[p->proxy_count * p->bones[k]];
-            a->targets[k] = closest[v].barycentric[0] * row[corners[0]] +
-                            closest[v].barycentric[1] * row[corners[1]] +
-                            closest[v].barycentric[2] * row[corners[2]];
+            a->targets[k] = 0.0;
+            for (size_t l = v * slots; l < (v + 1) * slots; ++l) {
+                a->targets[k] += followed->weights[l] * row[followed->bones[l]];
+            }
         }
     }
 }

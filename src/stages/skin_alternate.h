@@ -1,19 +1,19 @@
 // The default optimiser: alternates between all rotations and Gauss-Seidel sweeps over the
 // vertices, each an exact small program on the simplex. For skin*.c.
 //
-// L_f of skin.h: with b_i the closest point's barycentric coordinates, u*_i = sum_c b_ic d_c,
+// L_f of skin.h: with u*_i = sum_c b_ic d_c of given weights b_i,
 //   sum_t |u_i - u*_i|^2 = w^T G w - 2 w^T G b + b^T G b,
 // which needs no pass over the frames.
 #ifndef PCI_SKIN_ALTERNATE_H
 #define PCI_SKIN_ALTERNATE_H
 
-#include "core/bvh.h"
+#include "proxycloth/skin.h"
 #include "stages/skin_frames.h"
 #include "stages/skin_quadratic.h"
 
 // Of one block of frames, per worker; see pci_skin_data.
 typedef struct pci_skin_buffers {
-    void *displacements, *rotations, *residuals;
+    void *displacements, *forces;
 } pci_skin_buffers;
 
 typedef struct pci_skin_alternation {
@@ -36,9 +36,9 @@ typedef struct pci_skin_alternation {
 bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *problem,
                                 const pci_skin_kernel *kernel, pci_skin_alternation *alternation);
 
-// What L_f follows: `closest` (#V) on the proxy.
+// What L_f follows: the displacements that other weights give.
 void pci_skin_alternation_follow(pci_skin_alternation *alternation, const pc_mesh *proxy,
-                                 const pci_closest *closest);
+                                 const pc_skin *followed);
 
 // `lambda`: of L_r, L_c, L_a, L_s divided by norm and frame count; of L_f. False: out of memory.
 bool pci_skin_alternation_weigh(pci_scratch *scratch, pci_skin_alternation *alternation,

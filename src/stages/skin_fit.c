@@ -1,11 +1,13 @@
 // The course of an optimisation: all candidates, half way, K. Cutting alone would lose most.
 #include "stages/skin_fit.h"
 
+#include "core/topology.h"
+#include "proxycloth/baselines.h"
 #include "stages/skin_alternate.h"
 
 static const char stage[] = "skin";
 
-enum { PHASES = 3 };
+enum { PHASES = 3, FOLLOWED_INFLUENCES = 8 };
 static const double phase_ends[PHASES] = {0.4, 0.6, 1.0}; // shares of the epochs or rounds
 static const double rigid_share = 0.7; // more of its L_r left: L_c gets less weight
 
@@ -206,6 +208,22 @@ static void hold_pinned(const pci_skin_fit *f, uint32_t *allowed) {
     }
 }
 
+// The closest points make the garment move as much as its proxy; smoothed, they have no kinks at
+// the proxy's edges that L_r would have to fight.
+static pc_status follow_proxy(const pci_skin_fit *f, pci_skin_alternation *a) {
+    pc_skin followed = {0};
+    pc_status status =
+        pc_skin_heat_smoothed(f->context, f->surface, f->proxy, FOLLOWED_INFLUENCES, &followed);
+    if (status == PC_ERROR_NUMERICAL) { // hardly any area conducts heat
+        status = pc_skin_closest_triangle(f->context, f->surface, f->proxy, &followed);
+    }
+    if (status == PC_OK) {
+        pci_skin_alternation_follow(a, f->proxy, &followed);
+    }
+    pc_skin_free(f->context, &followed);
+    return status;
+}
+
 static pc_status weigh(pci_scratch *scratch, const pci_skin_fit *f, pci_skin_alternation *a) {
     const pc_skin_options *o = f->options;
     const double lambda[4] = {o->lambda_rigid, f->spatial_share * o->lambda_collision,
@@ -225,8 +243,10 @@ pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_
     if (!pci_skin_alternation_build(scratch, p, pci_skin_kernel_float(), &a)) {
         return pci_fail_memory(f->context, stage);
     }
-    pci_skin_alternation_follow(&a, f->proxy, f->closest);
-    pc_status status = measure_before(scratch, f, r);
+    pc_status status = follow_proxy(f, &a);
+    if (status == PC_OK) {
+        status = measure_before(scratch, f, r);
+    }
     hold_pinned(f, a.allowed);
     for (size_t v = 0; v < p->vertex_count; ++v) {
         double row[PCI_SKIN_CANDIDATES_MAX];

@@ -11,7 +11,7 @@ enum { PCI_SKIN_CANDIDATES_MAX = 32 };
 typedef struct pci_skin_fit {
     pc_context *context;
     const pc_skin_options *options;
-    const pc_mesh *proxy;
+    const pc_mesh *surface, *proxy;
     const uint8_t *pinned; // of the proxy, or NULL
     pci_skin_problem problem;
     pci_closest *closest; // #V, points on the proxy

@@ -8,7 +8,8 @@
 //   L_r, L_c:  2 sum_{j in N(i)} r_ij - 2 sum_{j: i in N(j)} r_ji,   r_ij = e_ij(t) - R_i e_ij(0)
 //   L_a:       2 a_i - 2 sum_{j: i in K(j)} Kw_ji a_j,               a_i = V_i - sum_j Kw_ij V_j
 //   L_s:       4 sum_{j in N(i)} (1 - |e_ij(0)| / |e_ij(t)|) e_ij(t)
-// with e_ij = v_i - v_j. It is gathered per vertex, which needs no atomics and no order.
+// with e_ij = v_i - v_j. It is gathered per vertex, which needs no atomics and no order; or, where
+// one thread has all vertices of a block, scattered.
 #ifndef PCI_SKIN_KERNEL_H
 #define PCI_SKIN_KERNEL_H
 
@@ -45,6 +46,7 @@ typedef struct pci_skin_data {
     void *quaternions;   // real, #V by 8 by PCI_BLOCK: rotations of L_r, L_c; in: first guess
     void *rotations;     // real, #V by 18 by PCI_BLOCK
     void *residuals;     // real, #V by 6 by PCI_BLOCK: a_i; the part of the gradient that i knows
+    void *forces;        // real, #V by 3 by PCI_BLOCK: added to, `scatter` alone
     void *gradient;      // real, #V by slots: added to
 } pci_skin_data;
 
@@ -62,6 +64,10 @@ typedef struct pci_skin_kernel {
     void (*fit)(const pci_skin_data *data, size_t begin, size_t end, pci_skin_sums *sums);
     // dL/dw_ij, weights taken as free. Needs `fit` for all vertices.
     void (*gradient)(const pci_skin_data *data, size_t begin, size_t end);
+    // The same in half the time, by one thread for the whole block: `scatter` adds half of dL/du to
+    // `forces` instead of keeping rotations and residuals, `collect` does what `gradient` does.
+    void (*scatter)(const pci_skin_data *data, size_t vertex_count, pci_skin_sums *sums);
+    void (*collect)(const pci_skin_data *data, size_t begin, size_t end);
 } pci_skin_kernel;
 
 // The kernels of the best instruction set of this processor.

@@ -196,10 +196,35 @@ static inline __attribute__((always_inline)) void NAME(covariance)(const pci_ski
     }
 }
 
+// Counts the lanes with det(S) < 0.
+static inline __attribute__((always_inline)) void NAME(count_reflections)(const VEC s[9],
+                                                                          uint64_t *counts) {
+    const VEC det = s[0] * (s[4] * s[8] - s[5] * s[7]) - s[1] * (s[3] * s[8] - s[5] * s[6]) +
+                    s[2] * (s[3] * s[7] - s[4] * s[6]);
+    for (size_t l = 0; l < LANES; ++l) {
+        counts[l] += det[l] < (REAL)-CURVATURE_TOLERANCE;
+    }
+}
+
+// On the first visit the rotations of the vertex before, if any, are a good guess.
+static inline __attribute__((always_inline)) void NAME(guess_rotation)(REAL *quaternion,
+                                                                       bool has_before) {
+    if (quaternion[0] == 0 && quaternion[PCI_BLOCK] == 0 && quaternion[2 * PCI_BLOCK] == 0 &&
+        quaternion[3 * PCI_BLOCK] == 0) {
+        for (size_t k = 0; k < 8; ++k) {
+            VEC guess = (VEC){0} + (REAL)(k % 4 == 0);
+            if (has_before) {
+                guess = LOAD(quaternion - 8 * PCI_BLOCK + k * PCI_BLOCK);
+            }
+            STORE(quaternion + k * PCI_BLOCK, guess);
+        }
+    }
+}
+
 // half of dL_s/du: 2 sum (1 - |e(0)| / |e(t)|) e(t) over the ring.
-static inline __attribute__((always_inline)) void
-NAME(stretch)(const pci_skin_edges *edges, const REAL *displacements, size_t v, size_t lane,
-              VEC sum[3]) {
+static inline __attribute__((always_inline)) void NAME(stretch)(const pci_skin_edges *edges,
+                                                                const REAL *displacements, size_t v,
+                                                                size_t lane, VEC sum[3]) {
     const REAL *e = edges->vectors, *lengths = edges->lengths;
     const REAL *u = &displacements[3 * PCI_BLOCK * v + lane];
     sum[0] = sum[1] = sum[2] = (VEC){0};
@@ -247,11 +272,7 @@ NAME(fit_term)(const pci_skin_data *data, const pci_skin_edges *edges, size_t v,
         }
     }
     if (reflections != NULL) {
-        const VEC det = s[0] * (s[4] * s[8] - s[5] * s[7]) - s[1] * (s[3] * s[8] - s[5] * s[6]) +
-                        s[2] * (s[3] * s[7] - s[4] * s[6]);
-        for (size_t l = 0; l < LANES; ++l) {
-            reflections[lane + l] += det[l] < (REAL)-CURVATURE_TOLERANCE;
-        }
+        NAME(count_reflections)(s, &reflections[lane]);
     }
 }
 
@@ -267,17 +288,7 @@ static void NAME(fit)(const pci_skin_data *data, size_t begin, size_t end, pci_s
             REAL *quaternion = &quaternions[8 * PCI_BLOCK * v + lane];
             REAL *rotation = &rotations[18 * PCI_BLOCK * v + lane];
             REAL *residual = &residuals[6 * PCI_BLOCK * v + lane];
-            if (quaternion[0] == 0 && quaternion[PCI_BLOCK] == 0 &&
-                quaternion[2 * PCI_BLOCK] == 0 && quaternion[3 * PCI_BLOCK] == 0) {
-                // First visit: the rotations of the vertex before are a good guess.
-                for (size_t k = 0; k < 8; ++k) {
-                    VEC guess = (VEC){0} + (REAL)(k % 4 == 0);
-                    if (v > begin) {
-                        guess = LOAD(quaternion - 8 * PCI_BLOCK + k * PCI_BLOCK);
-                    }
-                    STORE(quaternion + k * PCI_BLOCK, guess);
-                }
-            }
+            NAME(guess_rotation)(quaternion, v > begin);
             // Attachment: a(t) = a(0) + u_i - sum Kw_ij u_j.
             const REAL *u = &displacements[3 * PCI_BLOCK * v + lane];
             VEC a[3], part[3] = {{0}, {0}, {0}};
@@ -330,6 +341,157 @@ static void NAME(fit)(const pci_skin_data *data, size_t begin, size_t end, pci_s
     }
 }
 
+// S = sum e(t) e(0)^T of one vertex, scaled.
+static inline __attribute__((always_inline)) void
+NAME(rotation_of)(const pci_skin_edges *edges, const REAL *displacements, size_t v, size_t lane,
+                  REAL *quaternion, VEC r[9], uint64_t *reflections) {
+    VEC s[9], q[4], out[3];
+    NAME(covariance)(edges, displacements, v, lane, s, out);
+    for (size_t k = 0; k < 4; ++k) {
+        q[k] = LOAD(quaternion + k * PCI_BLOCK);
+    }
+    NAME(fit_rotation)(s, q, r);
+    for (size_t k = 0; k < 4; ++k) {
+        STORE(quaternion + k * PCI_BLOCK, q[k]);
+    }
+    if (reflections != NULL) {
+        NAME(count_reflections)(s, &reflections[lane]);
+    }
+}
+
+// Half of dE/du of one term: s r_ij is added to `own` and taken from the force of j; with `stretch`
+// also what L_s adds at i. Returns the sum of the squared residuals.
+static inline __attribute__((always_inline)) VEC
+NAME(scatter_term)(const pci_skin_edges *edges, const REAL *displacements, size_t v, size_t lane,
+                   const VEC r[9], REAL scale, REAL stretch, REAL *forces, VEC own[3]) {
+    const REAL *vectors = edges->vectors, *lengths = edges->lengths;
+    const REAL *u = &displacements[3 * PCI_BLOCK * v + lane];
+    const VEC ux = LOAD(u), uy = LOAD(u + PCI_BLOCK), uz = LOAD(u + 2 * PCI_BLOCK);
+    VEC sum[3] = {{0}, {0}, {0}}, stretched[3] = {{0}, {0}, {0}}, loss = {0};
+    for (size_t k = edges->offsets[v]; k < edges->offsets[v + 1]; ++k) {
+        const size_t at = 3 * PCI_BLOCK * (size_t)edges->targets[k] + lane;
+        const REAL *uj = &displacements[at];
+        REAL *force = &forces[at];
+        const REAL ex = vectors[3 * k], ey = vectors[3 * k + 1], ez = vectors[3 * k + 2];
+        const VEC x = ex + (ux - LOAD(uj)), y = ey + (uy - LOAD(uj + PCI_BLOCK));
+        const VEC z = ez + (uz - LOAD(uj + 2 * PCI_BLOCK));
+        const VEC rx = x - (r[0] * ex + r[1] * ey + r[2] * ez);
+        const VEC ry = y - (r[3] * ex + r[4] * ey + r[5] * ez);
+        const VEC rz = z - (r[6] * ex + r[7] * ey + r[8] * ez);
+        loss += rx * rx + ry * ry + rz * rz;
+        sum[0] += rx, sum[1] += ry, sum[2] += rz;
+        STORE(force, LOAD(force) - scale * rx);
+        STORE(force + PCI_BLOCK, LOAD(force + PCI_BLOCK) - scale * ry);
+        STORE(force + 2 * PCI_BLOCK, LOAD(force + 2 * PCI_BLOCK) - scale * rz);
+        if (stretch != 0) {
+            VEC length = x * x + y * y + z * z + (REAL)LENGTH_TOLERANCE;
+            for (size_t l = 0; l < LANES; ++l) {
+                length[l] = SQRT(length[l]);
+            }
+            const VEC factor = (REAL)2 - (REAL)2 * lengths[k] / length;
+            stretched[0] += factor * x, stretched[1] += factor * y, stretched[2] += factor * z;
+        }
+    }
+    for (size_t k = 0; k < 3; ++k) {
+        own[k] += scale * sum[k] + stretch * stretched[k];
+    }
+    return loss;
+}
+
+// Half of dE/du of L_a: a_i is added at i, Kw_ij a_i taken from j. Returns a_i^2.
+static inline __attribute__((always_inline)) VEC
+NAME(scatter_attachment)(const pci_skin_data *data, size_t v, size_t lane, VEC own[3]) {
+    const REAL *displacements = data->displacements, *weights = data->near_weights;
+    const REAL *rest = data->attachment_rest;
+    const REAL *u = &displacements[3 * PCI_BLOCK * v + lane];
+    const REAL scale = (REAL)data->scale[2];
+    REAL *forces = data->forces;
+    VEC a[3];
+    for (size_t k = 0; k < 3; ++k) {
+        a[k] = rest[3 * v + k] + LOAD(u + k * PCI_BLOCK);
+    }
+    for (size_t e = data->near.offsets[v]; e < data->near.offsets[v + 1]; ++e) {
+        const REAL *uj = &displacements[3 * PCI_BLOCK * (size_t)data->near.targets[e] + lane];
+        for (size_t k = 0; k < 3; ++k) {
+            a[k] -= weights[e] * LOAD(uj + k * PCI_BLOCK);
+        }
+    }
+    for (size_t e = data->near.offsets[v]; e < data->near.offsets[v + 1]; ++e) {
+        REAL *force = &forces[3 * PCI_BLOCK * (size_t)data->near.targets[e] + lane];
+        const REAL share = scale * weights[e];
+        for (size_t k = 0; k < 3; ++k) {
+            STORE(force + k * PCI_BLOCK, LOAD(force + k * PCI_BLOCK) - share * a[k]);
+        }
+    }
+    for (size_t k = 0; k < 3; ++k) {
+        own[k] += scale * a[k];
+    }
+    return a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
+}
+
+static void NAME(scatter)(const pci_skin_data *data, size_t vertex_count, pci_skin_sums *sums) {
+    const REAL *displacements = data->displacements;
+    REAL *quaternions = data->quaternions, *forces = data->forces;
+    for (size_t v = 0; v < vertex_count; ++v) {
+        for (size_t lane = 0; lane < PCI_BLOCK; lane += LANES) {
+            REAL *quaternion = &quaternions[8 * PCI_BLOCK * v + lane];
+            NAME(guess_rotation)(quaternion, v > 0);
+            VEC r[9], own[3] = {{0}, {0}, {0}};
+            NAME(rotation_of)
+            (&data->ring, displacements, v, lane, quaternion, r,
+             sums != NULL ? sums->reflections : NULL);
+            const VEC rigid =
+                NAME(scatter_term)(&data->ring, displacements, v, lane, r, (REAL)data->scale[0],
+                                   (REAL)data->scale[3], forces, own);
+            NAME(rotation_of)
+            (&data->near, displacements, v, lane, quaternion + 4 * PCI_BLOCK, r, NULL);
+            const VEC collision = NAME(scatter_term)(&data->near, displacements, v, lane, r,
+                                                     (REAL)data->scale[1], (REAL)0, forces, own);
+            const VEC attachment = NAME(scatter_attachment)(data, v, lane, own);
+            REAL *force = &forces[3 * PCI_BLOCK * v + lane];
+            for (size_t k = 0; k < 3; ++k) {
+                STORE(force + k * PCI_BLOCK, LOAD(force + k * PCI_BLOCK) + own[k]);
+            }
+            for (size_t l = 0; l < LANES && sums != NULL; ++l) {
+                sums->rigid[lane + l] += (double)rigid[l];
+                sums->collision[lane + l] += (double)collision[l];
+                sums->attachment[lane + l] += (double)attachment[l];
+            }
+        }
+    }
+}
+
+// dL/dw_ij = sum over frames of dL/du . d_j, added up by halves in a fixed tree.
+static inline __attribute__((always_inline)) void NAME(add_row)(const pci_skin_data *data, size_t v,
+                                                                const REAL *g) {
+    const REAL *driver = data->driver;
+    REAL *gradient = data->gradient;
+    for (size_t k = 0; k < data->slots; ++k) {
+        const size_t bone = data->bones[v * data->slots + k];
+        const REAL *d = &driver[3 * PCI_BLOCK * bone];
+        REAL products[PCI_BLOCK] __attribute__((aligned(64)));
+        for (size_t lane = 0; lane < PCI_BLOCK; lane += LANES) {
+            STORE(&products[lane],
+                  LOAD(&g[lane]) * LOAD(d + lane) +
+                      LOAD(&g[PCI_BLOCK + lane]) * LOAD(d + PCI_BLOCK + lane) +
+                      LOAD(&g[2 * PCI_BLOCK + lane]) * LOAD(d + 2 * PCI_BLOCK + lane));
+        }
+        for (size_t width = PCI_BLOCK / 2; width > 0; width /= 2) {
+            for (size_t l = 0; l < width; ++l) {
+                products[l] += products[l + width];
+            }
+        }
+        gradient[v * data->slots + k] += (REAL)2 * products[0];
+    }
+}
+
+static void NAME(collect)(const pci_skin_data *data, size_t begin, size_t end) {
+    const REAL *forces = data->forces;
+    for (size_t v = begin; v < end; ++v) {
+        NAME(add_row)(data, v, &forces[3 * PCI_BLOCK * v]);
+    }
+}
+
 // sum_j R_j e_ij over a list of edges.
 static inline __attribute__((always_inline)) void
 NAME(gather_rotated)(const uint32_t *targets, const REAL *vectors, size_t begin, size_t end,
@@ -347,11 +509,10 @@ NAME(gather_rotated)(const uint32_t *targets, const REAL *vectors, size_t begin,
 
 static void NAME(gradient)(const pci_skin_data *data, size_t begin, size_t end) {
     const REAL *rotations = data->rotations, *residuals = data->residuals;
-    const REAL *driver = data->driver, *incoming_weights = data->incoming_weights;
+    const REAL *incoming_weights = data->incoming_weights;
     const REAL *incoming_vectors = data->incoming_vectors;
     const REAL rigid = (REAL)data->scale[0], collision = (REAL)data->scale[1];
     const REAL attachment = (REAL)data->scale[2];
-    REAL *gradient = data->gradient;
     for (size_t v = begin; v < end; ++v) {
         // dL/du, half of it, for the whole block.
         REAL g[3][PCI_BLOCK] __attribute__((aligned(64)));
@@ -376,23 +537,7 @@ static void NAME(gradient)(const pci_skin_data *data, size_t begin, size_t end) 
                                        collision * near[k] - attachment * attached[k]);
             }
         }
-        // dL/dw_ij = sum over frames of dL/du . d_j, added up by halves in a fixed tree.
-        for (size_t k = 0; k < data->slots; ++k) {
-            const size_t bone = data->bones[v * data->slots + k];
-            const REAL *d = &driver[3 * PCI_BLOCK * bone];
-            REAL products[PCI_BLOCK] __attribute__((aligned(64)));
-            for (size_t lane = 0; lane < PCI_BLOCK; lane += LANES) {
-                STORE(&products[lane], LOAD(&g[0][lane]) * LOAD(d + lane) +
-                                           LOAD(&g[1][lane]) * LOAD(d + PCI_BLOCK + lane) +
-                                           LOAD(&g[2][lane]) * LOAD(d + 2 * PCI_BLOCK + lane));
-            }
-            for (size_t width = PCI_BLOCK / 2; width > 0; width /= 2) {
-                for (size_t l = 0; l < width; ++l) {
-                    products[l] += products[l + width];
-                }
-            }
-            gradient[v * data->slots + k] += (REAL)2 * products[0];
-        }
+        NAME(add_row)(data, v, &g[0][0]);
     }
 }
 
@@ -401,6 +546,8 @@ const pci_skin_kernel NAME(pci_skin) = {
     .displace = NAME(displace),
     .fit = NAME(fit),
     .gradient = NAME(gradient),
+    .scatter = NAME(scatter),
+    .collect = NAME(collect),
 };
 
 #undef VEC

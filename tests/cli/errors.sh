@@ -50,6 +50,8 @@ expect 2 'no command "bild"; did you mean build' bild
 expect 2 'no command "xyzzy"; see' xyzzy
 expect 2 "an input is missing" build
 expect 2 "an input is missing" evaluate cloth.obj
+printf '{}' >plain.json
+expect 2 "--scenario needs --motion" evaluate cloth.obj cloth.obj --scenario plain.json
 expect 2 "no option --motion" build cloth.obj --motion
 expect 2 "crossing_frames = 100001 is out of range" evaluate --motion a.h5 --crossing-frames 100001
 expect 3 "cloth.obj: this is no asset file" evaluate --motion cloth.obj

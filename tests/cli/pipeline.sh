@@ -171,6 +171,9 @@ run 0 evaluate --motion skinned.h5 --json --threads 1
 cp stdout motion.json
 run 0 evaluate --motion skinned.h5 --json --threads 3
 same stdout motion.json
+echo '{"frames": 4, "winds": [{"time": 0, "velocity": [3, 0, 0]}]}' >gust.json
+run 0 evaluate --motion skinned.h5 --scenario gust.json
+grep -q '^# .* 4 frames' stdout || fail "--scenario chooses no motion"
 run 0 evaluate --motion skinned.h5 --wind-seed 1
 grep -q 'made in the wind of seed 1' stderr || fail "no warning about a wind that was seen"
 

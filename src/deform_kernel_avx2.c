@@ -3,7 +3,7 @@
 
 #include "deform_kernel.h"
 
-enum { AHEAD = 1024 }; // bytes of the stream that are asked for in advance
+enum { AHEAD = 4096 }; // bytes of the stream that are asked for in advance
 
 static inline const float *floats(const char *at) { return (const float *)(const void *)at; }
 static inline const uint16_t *shorts(const char *at) { return (const uint16_t *)(const void *)at; }

@@ -4,7 +4,7 @@
 
 #include "deform_kernel.h"
 
-enum { AHEAD = 1024 }; // bytes of the stream that are asked for in advance
+enum { AHEAD = 4096 }; // bytes of the stream that are asked for in advance
 
 static inline const float *floats(const char *at) { return (const float *)(const void *)at; }
 static inline const uint16_t *shorts(const char *at) { return (const uint16_t *)(const void *)at; }
@@ -25,18 +25,26 @@ static inline void store(char *output, __m128 value) {
     _mm_store_ss((float *)(void *)(output + 8), _mm_movehl_ps(value, value));
 }
 
-// Stores the lanes of four vertices.
-static inline void store_four(char *output, size_t stride, __m512 value) {
+// Stores the lanes of sixteen vertices; tightly packed they are three whole registers.
+static inline void store_block(char *output, size_t stride, const __m512 value[4]) {
     if (stride == 12) {
-        const __m512i packed =
-            _mm512_setr_epi32(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 0, 0, 0, 0);
-        _mm512_mask_storeu_ps(output, 0x0fff, _mm512_permutexvar_ps(packed, value));
+        const __m512i first =
+            _mm512_setr_epi32(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 16, 17, 18, 20);
+        const __m512i second =
+            _mm512_setr_epi32(5, 6, 8, 9, 10, 12, 13, 14, 16, 17, 18, 20, 21, 22, 24, 25);
+        const __m512i third =
+            _mm512_setr_epi32(10, 12, 13, 14, 16, 17, 18, 20, 21, 22, 24, 25, 26, 28, 29, 30);
+        _mm512_storeu_ps(output, _mm512_permutex2var_ps(value[0], first, value[1]));
+        _mm512_storeu_ps(output + 64, _mm512_permutex2var_ps(value[1], second, value[2]));
+        _mm512_storeu_ps(output + 128, _mm512_permutex2var_ps(value[2], third, value[3]));
         return;
     }
-    store(output, _mm512_castps512_ps128(value));
-    store(output + stride, _mm512_extractf32x4_ps(value, 1));
-    store(output + 2 * stride, _mm512_extractf32x4_ps(value, 2));
-    store(output + 3 * stride, _mm512_extractf32x4_ps(value, 3));
+    for (size_t i = 0; i < 4; ++i, output += 4 * stride) {
+        store(output, _mm512_castps512_ps128(value[i]));
+        store(output + stride, _mm512_extractf32x4_ps(value[i], 1));
+        store(output + 2 * stride, _mm512_extractf32x4_ps(value[i], 2));
+        store(output + 3 * stride, _mm512_extractf32x4_ps(value[i], 3));
+    }
 }
 
 // Four influences of four vertices more.
@@ -49,9 +57,20 @@ static inline __m512 add_set(__m512 sum, const float *weights, const uint16_t *j
     return _mm512_add_ps(sum, _mm512_mul_ps(_mm512_permute_ps(w, 0xff), gather(table, joints, 3)));
 }
 
+// rest + sum w d of four vertices of a block.
+static inline __m512 pose_four(const char *block, size_t size, const float *table, size_t q) {
+    const __m512i spread = _mm512_setr_epi32(0, 1, 2, 2, 3, 4, 5, 5, 6, 7, 8, 8, 9, 10, 11, 11);
+    const char *set = block + PCI_DEFORM_REST;
+    __m512 sum = _mm512_permutexvar_ps(spread, _mm512_loadu_ps(block + 48 * q));
+    do {
+        sum = add_set(sum, floats(set) + 16 * q, shorts(set + PCI_DEFORM_WEIGHTS) + 16 * q, table);
+        set += PCI_DEFORM_SET_BYTES;
+    } while (set < block + size);
+    return sum;
+}
+
 static void positions(const pci_deform_rows *rows, const float *displacements, size_t begin,
                       size_t end, char *output, size_t stride) {
-    const __m512i spread = _mm512_setr_epi32(0, 1, 2, 2, 3, 4, 5, 5, 6, 7, 8, 8, 9, 10, 11, 11);
     const pci_deform_span span = pci_deform_whole_blocks(begin, end);
     const size_t size = pci_deform_block_bytes(rows);
     const char *block = rows->blocks + span.first * size;
@@ -61,16 +80,11 @@ static void positions(const pci_deform_rows *rows, const float *displacements, s
         for (size_t line = 0; line < size; line += 64) {
             _mm_prefetch(block + AHEAD + line, _MM_HINT_T0);
         }
-        for (size_t q = 0; q < 4; ++q, out += 4 * stride) {
-            __m512 sum = _mm512_permutexvar_ps(spread, _mm512_loadu_ps(block + 48 * q));
-            const char *set = block + PCI_DEFORM_REST;
-            do {
-                sum = add_set(sum, floats(set) + 16 * q, shorts(set + PCI_DEFORM_WEIGHTS) + 16 * q,
-                              displacements);
-                set += PCI_DEFORM_SET_BYTES;
-            } while (set < block + size);
-            store_four(out, stride, sum);
-        }
+        const __m512 sums[4] = {
+            pose_four(block, size, displacements, 0), pose_four(block, size, displacements, 1),
+            pose_four(block, size, displacements, 2), pose_four(block, size, displacements, 3)};
+        store_block(out, stride, sums);
+        out += PCI_DEFORM_BLOCK * stride;
     }
     pci_deform_generic.positions(rows, displacements, span.tail, end, output, stride);
 }
@@ -125,11 +139,11 @@ static void normals(const pci_deform_rows *rows, const float *rotations, size_t 
             square = _mm512_mask_mov_ps(square, (__mmask16)(0x1111 << q), squares(n[q]));
         }
         const __m512 scale = _mm512_div_ps(_mm512_set1_ps(1.0F), _mm512_sqrt_ps(square));
-        char *out = output + PCI_DEFORM_BLOCK * b * stride;
-        store_four(out, stride, _mm512_mul_ps(n[0], _mm512_permute_ps(scale, 0x00)));
-        store_four(out + 4 * stride, stride, _mm512_mul_ps(n[1], _mm512_permute_ps(scale, 0x55)));
-        store_four(out + 8 * stride, stride, _mm512_mul_ps(n[2], _mm512_permute_ps(scale, 0xaa)));
-        store_four(out + 12 * stride, stride, _mm512_mul_ps(n[3], _mm512_permute_ps(scale, 0xff)));
+        n[0] = _mm512_mul_ps(n[0], _mm512_permute_ps(scale, 0x00));
+        n[1] = _mm512_mul_ps(n[1], _mm512_permute_ps(scale, 0x55));
+        n[2] = _mm512_mul_ps(n[2], _mm512_permute_ps(scale, 0xaa));
+        n[3] = _mm512_mul_ps(n[3], _mm512_permute_ps(scale, 0xff));
+        store_block(output + PCI_DEFORM_BLOCK * b * stride, stride, n);
     }
     pci_deform_generic.normals(rows, rotations, span.tail, end, output, stride);
 }

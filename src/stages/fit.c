@@ -147,6 +147,53 @@ static void sum_pulls(fitting *f) {
     }
 }
 
+// The other way round: points of the coarse triangles pull towards the fine surface, so that faces
+// do not cut corners where no sample looks.
+static void add_face_pulls(fitting *f) {
+    const pci_relaxation *r = f->relaxation;
+    const pci_halfedge *coarse = r->coarse;
+    static const double shares[4][3] = {
+        {1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0}, {0.5, 0.5, 0.0}, {0.0, 0.5, 0.5}, {0.5, 0.0, 0.5}};
+    for (uint32_t t = 0; t < coarse->triangle_count; ++t) {
+        const uint32_t *corner = &coarse->corners[3 * (size_t)t];
+        double ab[3], ac[3], normal[3];
+        pci_sub(&coarse->positions[3 * (size_t)corner[1]],
+                &coarse->positions[3 * (size_t)corner[0]], ab);
+        pci_sub(&coarse->positions[3 * (size_t)corner[2]],
+                &coarse->positions[3 * (size_t)corner[0]], ac);
+        pci_cross(ab, ac, normal);
+        const double area = 0.125 * pci_norm(normal); // a quarter of the triangle
+        for (size_t i = 0; i < 4; ++i) {
+            double point[3], nearest[3] = {0.0}, squared = INFINITY;
+            for (size_t k = 0; k < 3; ++k) {
+                point[k] = 0.0;
+                for (size_t c = 0; c < 3; ++c) {
+                    point[k] += shares[i][c] * coarse->positions[3 * (size_t)corner[c] + k];
+                }
+            }
+            for (size_t c = 0; c < 3; ++c) {
+                double candidate[3];
+                pci_relax_nearest(r, corner[c], point, false, candidate);
+                const double distance = pci_squared_distance(candidate, point);
+                if (distance < squared) {
+                    squared = distance;
+                    memcpy(nearest, candidate, sizeof(nearest));
+                }
+            }
+            for (size_t c = 0; c < 3; ++c) {
+                if (pci_is_border_vertex(coarse, corner[c])) {
+                    continue;
+                }
+                const double w = area * squared * shares[i][c];
+                f->pull_weights[corner[c]] += w;
+                for (size_t k = 0; k < 3; ++k) {
+                    f->pulls[3 * (size_t)corner[c] + k] += w * (nearest[k] - point[k]);
+                }
+            }
+        }
+    }
+}
+
 // Unit normal of the fan around a vertex.
 static void fan_normal(const pci_halfedge *coarse, uint32_t v, double normal[3]) {
     memset(normal, 0, 3 * sizeof(*normal));
@@ -241,6 +288,7 @@ bool pci_fit(pci_scratch *scratch, pci_relaxation *relaxation, const uint32_t *n
             return false;
         }
         sum_pulls(&f);
+        add_face_pulls(&f);
         for (uint32_t v = 0; v < coarse->vertex_count; ++v) {
             if (!relaxation->pinned[v]) {
                 move_vertex(&f, v, spacing);

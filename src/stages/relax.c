@@ -125,9 +125,15 @@ void pci_relax_move(pci_relaxation *r, uint32_t v, const double target[3]) {
     memcpy(&r->coarse->positions[3 * (size_t)v], point, sizeof(point));
 }
 
+void pci_relax_nearest(const pci_relaxation *r, uint32_t v, const double target[3], bool border,
+                       double point[3]) {
+    memcpy(point, target, 3 * sizeof(*point));
+    nearest_around(r->fine, walk(r->fine, r->feet[v], target, border), target, border, point);
+}
+
 double pci_relax_distance(const pci_relaxation *r, uint32_t v, const double point[3], bool border) {
-    double nearest[3] = {point[0], point[1], point[2]};
-    nearest_around(r->fine, walk(r->fine, r->feet[v], point, border), point, border, nearest);
+    double nearest[3];
+    pci_relax_nearest(r, v, point, border, nearest);
     return sqrt(pci_squared_distance(nearest, point));
 }
 

@@ -21,8 +21,10 @@ typedef struct pci_relaxation {
 void pci_relax_place(pci_relaxation *relaxation);
 // Puts vertex v onto the fine surface next to the target, likewise.
 void pci_relax_move(pci_relaxation *relaxation, uint32_t v, const double target[3]);
-// Distance of a point near vertex v from the fine surface or border, found by walking from the
-// vertex's foot.
+// The point of the fine surface or border nearest to one near vertex v, found by walking from the
+// vertex's foot; and its distance.
+void pci_relax_nearest(const pci_relaxation *relaxation, uint32_t v, const double target[3],
+                       bool border, double point[3]);
 double pci_relax_distance(const pci_relaxation *relaxation, uint32_t v, const double point[3],
                           bool border);
 // One pass of sliding and flipping. Returns the number of changes.

@@ -3,7 +3,7 @@
 //
 // "cache": one garment over and over, which stays in the caches. "memory": many garments in turn,
 // 256 MiB, so that every call finds its data in memory, as in a frame of a game; the copy runs over
-// as many bytes in pieces of the same size. All on one thread; the least of 30 runs.
+// as many bytes in pieces of the same size. All on one thread.
 #define _POSIX_C_SOURCE 200809L
 #include <stdio.h>
 #include <stdlib.h>
@@ -40,19 +40,30 @@ static void run(const garments *g, task what, size_t i) {
     }
 }
 
-// Seconds per garment of a task and of a copy, in turn, so that what else runs slows both.
-static void measure(const garments *g, task what, size_t count, double best[2]) {
-    const size_t rounds = count > 1 ? 1 : 100;
-    best[0] = best[1] = 1e30;
-    for (size_t repeat = 0; repeat < 60; ++repeat) {
-        const size_t side = repeat % 2;
-        const double start = now();
-        for (size_t i = 0; i < rounds * count; ++i) {
-            run(g, side == 0 ? what : COPY, i % count);
-        }
-        const double seconds = (now() - start) / (double)(rounds * count);
-        best[side] = seconds < best[side] ? seconds : best[side];
+// Seconds per garment of a task and of a copy, in turn, so that what else runs slows both. Every
+// call is timed alone, and the least of all rounds counts for each garment: no task switch falls
+// into it.
+static void measure(const garments *g, task what, size_t count, double seconds[2]) {
+    const size_t rounds = count > 1 ? 40 : 4000;
+    double *best = malloc(2 * count * sizeof(*best));
+    seconds[0] = seconds[1] = 0.0;
+    for (size_t i = 0; i < 2 * count && best != NULL; ++i) {
+        best[i] = 1e30;
     }
+    for (size_t round = 0; round < 2 * rounds && best != NULL; ++round) {
+        const size_t side = round % 2;
+        for (size_t i = 0; i < count; ++i) {
+            const double start = now();
+            run(g, side == 0 ? what : COPY, i);
+            const double taken = now() - start;
+            double *least = &best[side * count + i];
+            *least = taken < *least ? taken : *least;
+        }
+    }
+    for (size_t i = 0; i < 2 * count && best != NULL; ++i) {
+        seconds[i / count] += best[i] / (double)count;
+    }
+    free(best);
 }
 
 // A sheet of joints, and vertices in rows over it that follow the nearest ones.

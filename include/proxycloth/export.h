@@ -60,11 +60,12 @@ extern const pc_record pc_contact_sheet_options_record;
 /// colours of its bones (figure 14: lighter where several bones share the impact) from the front;
 /// row 2: the same from the back; then the visual mesh skinned to frames of the motion, with the
 /// proxy's edges over it; then the same frames in the colours of their stretch: the largest
-/// principal stretch or squeeze of the triangles, 0 grey, 10 % yellow, 20 % red, from 30 % violet. Stages that did not run are left out. All pictures of the first two rows have one
-/// scale, all frames one camera: a three-quarter view from slightly above, up is
-/// `simulate.up_axis`, the front is +z (y up), -y (z up) or +z (x up). Front sides are grey, back
-/// sides blue; the proxy's border edges are drawn bolder. Where two sheets lie on each other the
-/// front side is shown. Equal assets give equal bytes.
+/// principal stretch or squeeze of the triangles, 0 grey, 10 % yellow, 20 % red, from 30 % violet.
+/// Stages that did not run are left out. All pictures of the first two rows have one scale, all
+/// frames one camera: a three-quarter view from slightly above, up is `simulate.up_axis`, the front
+/// is +z (y up), -y (z up) or +z (x up). Front sides are grey, back sides blue; the proxy's border
+/// edges are drawn bolder. Where two sheets lie on each other the front side is shown. Equal assets
+/// give equal bytes.
 /// @param[in] options  NULL for the defaults.
 /// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (NULL, no visual mesh, weights or motion of other
 ///         meshes); PC_ERROR_INVALID_OPTIONS; PC_ERROR_IO; PC_ERROR_OUT_OF_MEMORY;

@@ -8,8 +8,10 @@
 /// iteration lowers it by less than half a percent.
 ///
 /// DEVIATION from the paper, which uses VectorAdam: conjugate gradients are the default. They reach
-/// the same, lower energies as Cholesky, in a fraction of the time of both, and turn fewer
-/// triangles over than VectorAdam.
+/// the same, lower energies as Cholesky, in a fraction of the time of both. Over 36 garments at
+/// N_v = 32, in seconds on one core, energy and mean distance to the garment: VectorAdam 5.5 s,
+/// .0201, .0285 voxels; Cholesky 2.6 s, .0190, .0266; conjugate gradients 1.4 s, .0190, .0266. All
+/// three turn over about one triangle in a hundred.
 ///
 /// Postconditions: same triangles as the input, finite positions.
 #ifndef PROXYCLOTH_PROJECT_H

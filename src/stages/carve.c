@@ -6,6 +6,7 @@
 #include "core/rim.h"
 #include "core/topology.h"
 #include "stages/border.h"
+#include "stages/crumbs.h"
 #include "stages/loops.h"
 #include "stages/outline.h"
 #include "stages/visual_layer.h"
@@ -24,8 +25,8 @@ static const pc_field option_fields[] = {
         "epsilon_carved: surface farther than this beside the visual mesh is cut away"),
     PCI_FIELD_OPTION(
         pc_carve_options, smallest_part, DOUBLE, 0.05, 0.0, 1.0, "",
-        "Parts below this share of the largest part's area, and within 2 voxels of larger "
-        "ones, are dropped"),
+        "Parts below this share of the largest part's area are dropped, unless they are "
+        "loose parts of the garment"),
     PCI_FIELD_OPTION(pc_carve_options, fill_loops, UINT, 12, 0, 1000, "edges",
                      "Boundary loops up to this length are filled"),
     PCI_FIELD_OPTION(pc_carve_options, snap_border, BOOL, 1, 0, 1, "",
@@ -151,9 +152,9 @@ static pc_status no_proxy(pc_context *context, const char *reason) {
 }
 
 // The triangles whose labels say so, as a manifold without small parts and short holes.
-static pc_status extract(pci_scratch *scratch, const pc_mesh *projected, const uint8_t *labels,
-                         double cell_size, const pc_carve_options *options, pc_mesh *layer,
-                         pc_carve_report *report) {
+static pc_status extract(pci_scratch *scratch, const pc_mesh *surface, const pci_bvh *visual,
+                         const pc_mesh *projected, const uint8_t *labels, double cell_size,
+                         const pc_carve_options *options, pc_mesh *layer, pc_carve_report *report) {
     pc_context *context = scratch->context;
     uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, projected->triangle_count);
     if (keep == NULL) {
@@ -168,8 +169,9 @@ static pc_status extract(pci_scratch *scratch, const pc_mesh *projected, const u
     if (!pci_mesh_repair(scratch, projected, keep, layer, &counts)) {
         return pci_fail_memory(context, stage);
     }
-    const pc_status status = pci_drop_small_parts(scratch, stage, layer, options->smallest_part,
-                                                  loose_voxels * cell_size, &report->dropped_parts);
+    const pc_status status =
+        pci_drop_crumbs(scratch, stage, surface, visual, options->smallest_part,
+                        loose_voxels * cell_size, layer, &report->dropped_parts);
     if (status != PC_OK) {
         return status;
     }
@@ -197,9 +199,9 @@ static pc_status find_rims(pci_scratch *scratch, const pc_mesh *surface, const p
                                                        : pci_fail_memory(scratch->context, stage);
 }
 
-static pc_status cut(pci_scratch *scratch, const pci_bvh *visual, const pci_knn *rims,
-                     double cell_size, const pc_carve_options *options, pc_mesh *layer,
-                     pc_carve_report *report) {
+static pc_status cut(pci_scratch *scratch, const pc_mesh *surface, const pci_bvh *visual,
+                     const pci_knn *rims, double cell_size, const pc_carve_options *options,
+                     pc_mesh *layer, pc_carve_report *report) {
     pc_status status = pci_cut_outline(scratch, stage, visual, rims,
                                        options->carve ? PCI_OUTLINE_ALL : PCI_OUTLINE_MEMBRANES,
                                        options->carve_distance * cell_size, cell_size, layer,
@@ -207,8 +209,8 @@ static pc_status cut(pci_scratch *scratch, const pci_bvh *visual, const pci_knn 
     if (status != PC_OK) {
         return status;
     }
-    status = pci_drop_small_parts(scratch, stage, layer, options->smallest_part,
-                                  loose_voxels * cell_size, &report->dropped_parts);
+    status = pci_drop_crumbs(scratch, stage, surface, visual, options->smallest_part,
+                             loose_voxels * cell_size, layer, &report->dropped_parts);
     if (status != PC_OK) {
         return status;
     }
@@ -228,7 +230,8 @@ static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *surface,
     pci_bvh *visual = NULL;
     pc_status status = pci_bvh_create(scratch->context, stage, surface, &visual);
     if (status == PC_OK) {
-        status = extract(scratch, projected, labels, cell_size, options, layer, report);
+        status =
+            extract(scratch, surface, visual, projected, labels, cell_size, options, layer, report);
     }
     if (status == PC_OK && options->snap_border) {
         status = pci_snap_border(scratch->context, stage, surface, visual, cell_size, layer);
@@ -237,7 +240,7 @@ static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *surface,
         status = find_rims(scratch, surface, visual, cell_size, &rims);
     }
     if (status == PC_OK) {
-        status = cut(scratch, visual, &rims, cell_size, options, layer, report);
+        status = cut(scratch, surface, visual, &rims, cell_size, options, layer, report);
     }
     pci_bvh_destroy(scratch->context, visual);
     report->source = PC_LAYER_LABELS;

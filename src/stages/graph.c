@@ -16,7 +16,7 @@ static const pc_field option_fields[] = {
                      "Start of the ray for opposite vertices, outside the vertex"),
     PCI_FIELD_OPTION(pc_graph_options, outward_offset, DOUBLE, 0.5, 0.0, 2.0, "voxels",
                      "Start of the ray for the outer distance, outside the vertex"),
-    PCI_FIELD_OPTION(pc_graph_options, tube_aspect, DOUBLE, 2.0, 0.0, 10.0, "",
+    PCI_FIELD_OPTION(pc_graph_options, tube_aspect, DOUBLE, 1.5, 0.0, 10.0, "",
                      "Solids less than so many times as wide as thick are tubes, not sheets; 0: "
                      "none is"),
 };

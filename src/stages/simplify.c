@@ -94,7 +94,8 @@ static int compare_parts(const void *a, const void *b) { // largest first
     return (x->index > y->index) - (x->index < y->index);
 }
 
-// Keeps the parts that get at least one cluster each, and no more than can have three vertices.
+// Keeps the parts that get at least one cluster each, no more than can have three vertices, and
+// then the largest of the small ones, as long as they take at most a tenth of the vertices.
 // Afterwards there are at most as many parts as clusters.
 static bool drop_unaffordable(pci_scratch *scratch, pc_mesh *layer, size_t vertices,
                               uint64_t *dropped) {
@@ -117,10 +118,13 @@ static bool drop_unaffordable(pci_scratch *scratch, pc_mesh *layer, size_t verti
         parts[component[t]].area += pci_triangle_area(layer, t);
     }
     qsort(parts, count, sizeof(*parts), compare_parts);
-    size_t kept = 1;
+    size_t kept = 1, small = 0;
     double total = parts[0].area;
-    while (kept < count && 3 * (kept + 1) <= vertices &&
-           parts[kept].area * (double)vertices >= total + parts[kept].area) {
+    while (kept < count && 3 * (kept + 1) <= vertices) {
+        small += parts[kept].area * (double)vertices < total + parts[kept].area;
+        if (3 * small > vertices / 10) {
+            break;
+        }
         total += parts[kept++].area;
     }
     for (size_t i = kept; i < count; ++i) {

@@ -501,7 +501,7 @@ static void reads_what_export_writes(void **state) {
     for (uint32_t influences = 1; influences <= 12; influences += 1) {
         pc_asset asset;
         fixture_asset(context, influences, &asset);
-    asset.options.skin.weight_storage = PC_SKIN_WEIGHTS_FLOAT;
+        asset.options.skin.weight_storage = PC_SKIN_WEIGHTS_FLOAT;
         assert_ok(context, pc_export_glb(context, &asset, path));
         pc_skin skin = {0};
         assert_ok(context,

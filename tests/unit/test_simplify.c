@@ -167,16 +167,22 @@ static void says_why_it_falls_short(void **state) {
     assert_int_equal(check_manifold(context, &proxy).loops, 2);
     pc_mesh_free(context, &proxy);
 
-    // Of two parts the small one would get less than one vertex.
+    // Of two parts the small one would get less than one vertex, and three are too many for it.
     pc_mesh big = test_sheet(context, 20, 20, 1.0, 1.0),
             small = test_sheet(context, 4, 4, 0.1, 0.1);
     const double offset[3] = {2.0, 0.0, 0.0};
     pc_mesh both = test_union(context, &big, &small, offset);
-    proxy = simplified(context, &both, 32, &report);
-    assert_int_equal(proxy.vertex_count, 32);
+    proxy = simplified(context, &both, 20, &report);
+    assert_int_equal(proxy.vertex_count, 20);
     assert_int_equal(report.shortfall, PC_SHORTFALL_BUDGET);
     assert_int_equal(report.dropped_parts, 1);
     assert_int_equal(check_manifold(context, &proxy).components, 1);
+    pc_mesh_free(context, &proxy);
+    both = test_union(context, &big, &small, offset);
+    proxy = simplified(context, &both, 32, &report); // here they are a tenth of the budget
+    assert_int_equal(proxy.vertex_count, 32);
+    assert_int_equal(report.dropped_parts, 0);
+    assert_int_equal(check_manifold(context, &proxy).components, 2);
     pc_mesh_free(context, &proxy);
     pc_mesh_free(context, &big);
     pc_mesh_free(context, &small);

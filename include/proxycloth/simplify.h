@@ -12,7 +12,13 @@
 /// - Clusters get smaller around narrow parts (`narrow_refinement`).
 /// - Vertices leave the centroids: they slide and edges flip towards even triangles, border
 ///   vertices stay on the border and its corners, then the faces are fitted to the single layer
-///   with weight on the largest distances.
+///   and it to them, with weight on the largest distances.
+/// - Triangles with an angle below 30 degrees are treated one by one: their vertices search better
+///   places, edges collapse or split, and the vertex count is balanced elsewhere. So sleeves stay
+///   tubes of at least three edges around, and straps become strips one triangle wide. What is
+///   narrower still is widened, by at most .7 edge lengths.
+/// - Where the proxy crosses itself it is pushed apart, then vertex by vertex moved to the nearest
+///   place with fewer crossings. What is left is in `self_intersections`.
 ///
 /// Density map: an artist may paint where the proxy needs more vertices into a channel of the
 /// visual mesh's vertex colors. Value c at the nearest point of the visual mesh makes wanted edges
@@ -66,9 +72,10 @@ typedef struct pc_simplify_report {
     uint64_t boundary_loops;
     uint64_t removed_triangles; ///< by the manifold repair
     uint64_t split_vertices;
-    uint64_t dropped_parts;    ///< parts too small for N_p
-    uint64_t surplus_vertices; ///< that narrow parts needed on top of one per cluster
-    bool density_ignored;      ///< the visual mesh has no vertex colors
+    uint64_t dropped_parts;      ///< parts too small for N_p
+    uint64_t surplus_vertices;   ///< that narrow parts needed on top of one per cluster
+    bool density_ignored;        ///< the visual mesh has no vertex colors
+    uint64_t self_intersections; ///< pairs of triangles that still cross
     uint64_t iterations;
     uint32_t shortfall; ///< pc_simplify_shortfall
 } pc_simplify_report;

@@ -57,6 +57,9 @@ static const pc_field report_fields[] = {
     PCI_FIELD_WARNING(pc_simplify_report, density_ignored, BOOL,
                       "Whether a density channel was asked for that the visual mesh lacks",
                       "the visual mesh has no vertex colors: the density channel was ignored"),
+    PCI_FIELD_WARNING(pc_simplify_report, self_intersections, COUNT,
+                      "Pairs of triangles that cross and could not be moved apart",
+                      "the proxy crosses itself"),
     PCI_FIELD_REPORT(pc_simplify_report, iterations, COUNT, "", "Passes of boundary exchanges"),
     {.name = "shortfall",
      .type = PC_FIELD_CHOICE,
@@ -204,7 +207,7 @@ static bool pin_corners(pci_scratch *scratch, const pci_sampling *s, const uint3
 
 // Evens out the coarse mesh on the fine one, then fits its triangles to it.
 static bool relax_and_fit(pci_scratch *scratch, const pci_sampling *s, pci_halfedge *coarse,
-                          uint32_t *feet, uint32_t *nearby) {
+                          uint32_t *feet, uint32_t *nearby, uint64_t *crossings) {
     uint8_t *pinned = PCI_SCRATCH(scratch, uint8_t, coarse->vertex_count);
     if (pinned == NULL) {
         return false;
@@ -230,8 +233,10 @@ static bool relax_and_fit(pci_scratch *scratch, const pci_sampling *s, pci_halfe
             return false;
         }
     }
-    size_t crossings = 0;
-    return pci_untangle(scratch, &relaxation, s->spacing, &crossings);
+    size_t left = 0;
+    const bool done = pci_untangle(scratch, &relaxation, s->spacing, &left);
+    *crossings = left;
+    return done;
 }
 
 static pc_status measure(pci_scratch *scratch, const pc_mesh *mesh, size_t wanted,
@@ -312,7 +317,7 @@ static pc_status simplify(pci_scratch *scratch, const pc_visual *visual, pc_mesh
     if (!pci_contract_to(&contraction, options->vertices) ||
         !pci_contraction_result(&contraction, proxy, &feet, &nearby) ||
         !pci_halfedge_build(scratch, proxy, &coarse) ||
-        !relax_and_fit(scratch, &s, &coarse, feet, nearby)) {
+        !relax_and_fit(scratch, &s, &coarse, feet, nearby, &report->self_intersections)) {
         return pci_fail_memory(context, stage);
     }
     pc_mesh_free(context, proxy); // vertices inside may have become vertices on the border

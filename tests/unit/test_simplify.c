@@ -86,6 +86,7 @@ static void keeps_the_topology(void **state) {
         assert_int_equal(report.components, 1);
         assert_int_equal(report.boundary_loops, cases[i].loops);
         assert_int_equal(report.shortfall, PC_SHORTFALL_NONE);
+        assert_int_equal(report.self_intersections, 0);
         assert_true(found.angle_mean > 47.0 && found.angle_worst > 20.0);
         pc_mesh_free(context, &proxy);
     }

@@ -151,19 +151,26 @@ static pc_status no_proxy(pc_context *context, const char *reason) {
     return pci_fail(context, PC_ERROR_NO_PROXY, stage, "carve: no triangle is left, %s", reason);
 }
 
+// Marks the triangles with two labels of 1; NULL: out of memory.
+static uint8_t *kept_triangles(pci_scratch *scratch, const pc_mesh *projected,
+                               const uint8_t *labels) {
+    uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, projected->triangle_count);
+    for (size_t t = 0; keep != NULL && t < projected->triangle_count; ++t) {
+        const uint32_t *corner = &projected->triangles[3 * t];
+        keep[t] =
+            (labels[corner[0]] != 0) + (labels[corner[1]] != 0) + (labels[corner[2]] != 0) >= 2;
+    }
+    return keep;
+}
+
 // The triangles whose labels say so, as a manifold without small parts and short holes.
 static pc_status extract(pci_scratch *scratch, const pc_mesh *surface, const pci_bvh *visual,
                          const pc_mesh *projected, const uint8_t *labels, double cell_size,
                          const pc_carve_options *options, pc_mesh *layer, pc_carve_report *report) {
     pc_context *context = scratch->context;
-    uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, projected->triangle_count);
+    uint8_t *keep = kept_triangles(scratch, projected, labels);
     if (keep == NULL) {
         return pci_fail_memory(context, stage);
-    }
-    for (size_t t = 0; t < projected->triangle_count; ++t) {
-        const uint32_t *corner = &projected->triangles[3 * t];
-        keep[t] =
-            (labels[corner[0]] != 0) + (labels[corner[1]] != 0) + (labels[corner[2]] != 0) >= 2;
     }
     pci_repair_counts counts;
     if (!pci_mesh_repair(scratch, projected, keep, layer, &counts)) {
@@ -247,16 +254,29 @@ static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *surface,
     return status == PC_OK ? measure(scratch, surface, layer, cell_size, report) : status;
 }
 
-static pc_status take_visual(pci_scratch *scratch, const pc_mesh *surface, double cell_size,
-                             pc_mesh *visual, uint64_t filled, pc_mesh *layer,
-                             pc_carve_report *report) {
+// Takes the visual mesh as the layer, with the labelled side outside.
+static pc_status take_visual(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *projected,
+                             const uint8_t *labels, double cell_size, uint64_t filled,
+                             pc_mesh *visual, pc_mesh *layer, pc_carve_report *report) {
     pc_context *context = scratch->context;
+    pc_mesh side = {0};
+    uint8_t *keep = kept_triangles(scratch, projected, labels);
     pc_mesh_free(context, layer);
     *layer = *visual;
     *visual = (pc_mesh){0};
     *report = (pc_carve_report){.source = PC_LAYER_VISUAL, .filled_loops = filled};
-    return layer->triangle_count > 0 ? measure(scratch, surface, layer, cell_size, report)
-                                     : no_proxy(context, "the visual mesh has none of use");
+    if (layer->triangle_count == 0) {
+        return no_proxy(context, "the visual mesh has none of use");
+    }
+    if (keep == NULL || !pci_mesh_compact(scratch, projected, keep, &side, NULL)) {
+        return pci_fail_memory(context, stage);
+    }
+    pc_status status = PC_OK;
+    if (side.triangle_count > 0) {
+        status = pci_face_like(scratch, stage, &side, layer);
+    }
+    pc_mesh_free(context, &side);
+    return status == PC_OK ? measure(scratch, surface, layer, cell_size, report) : status;
 }
 
 static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface,
@@ -276,7 +296,8 @@ static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface,
         status = pci_fail_cancelled(scratch->context, stage);
     }
     if (status == PC_OK && (always || layering == PCI_PLAIN)) {
-        return take_visual(scratch, surface, cell_size, &visual, filled, layer, report);
+        return take_visual(scratch, surface, projected, labels, cell_size, filled, &visual, layer,
+                           report);
     }
     if (status == PC_OK) {
         status =
@@ -288,7 +309,8 @@ static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface,
         if (status == PC_OK &&
             (other.components != report->components ||
              other.boundary_loops != report->boundary_loops || report->coverage < least_coverage)) {
-            return take_visual(scratch, surface, cell_size, &visual, filled, layer, report);
+            return take_visual(scratch, surface, projected, labels, cell_size, filled, &visual,
+                               layer, report);
         }
     }
     pc_mesh_free(scratch->context, &visual);

@@ -171,3 +171,70 @@ pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mes
     }
     return status;
 }
+
+// ---- orientation
+// ----------------------------------------------------------------------------------
+
+static void area_vector(const pc_mesh *mesh, size_t t, double out[3]) {
+    double u[3], v[3];
+    const double *a = &mesh->positions[3 * (size_t)mesh->triangles[3 * t]];
+    pci_sub(&mesh->positions[3 * (size_t)mesh->triangles[3 * t + 1]], a, u);
+    pci_sub(&mesh->positions[3 * (size_t)mesh->triangles[3 * t + 2]], a, v);
+    pci_cross(u, v, out);
+}
+
+typedef struct facing {
+    const pci_bvh *bvh;
+    const pc_mesh *reference, *layer;
+    double *votes; // #F of the layer
+} facing;
+
+static void compare_facing(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const facing *f = user;
+    for (size_t t = begin; t < end; ++t) {
+        double middle[3] = {0.0, 0.0, 0.0}, ours[3], theirs[3];
+        for (size_t i = 0; i < 9; ++i) {
+            const uint32_t v = f->layer->triangles[3 * t + i / 3];
+            middle[i % 3] += f->layer->positions[3 * (size_t)v + i % 3] / 3.0;
+        }
+        area_vector(f->layer, t, ours);
+        area_vector(f->reference, pci_bvh_closest(f->bvh, middle, INFINITY).triangle, theirs);
+        f->votes[t] = pci_normalize(theirs) ? pci_dot(ours, theirs) : 0.0;
+    }
+}
+
+pc_status pci_face_like(pci_scratch *scratch, const char *stage, const pc_mesh *reference,
+                        pc_mesh *layer) {
+    pci_topology topology;
+    pci_bvh *bvh = NULL;
+    double *votes = PCI_SCRATCH(scratch, double, layer->triangle_count);
+    uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
+    if (scratch->failed || !pci_topology_build(scratch, layer, &topology)) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    const size_t count = pci_triangle_components(scratch, layer, &topology, component);
+    double *sums = PCI_SCRATCH(scratch, double, count);
+    if (sums == NULL) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    const pc_status status = pci_bvh_create(scratch->context, stage, reference, &bvh);
+    if (status != PC_OK) {
+        return status;
+    }
+    facing job = {bvh, reference, layer, votes};
+    pci_parallel_for(scratch->context, layer->triangle_count, grain, compare_facing, &job);
+    pci_bvh_destroy(scratch->context, bvh);
+    for (size_t t = 0; t < layer->triangle_count; ++t) {
+        sums[component[t]] += votes[t];
+    }
+    for (size_t t = 0; t < layer->triangle_count; ++t) {
+        if (sums[component[t]] < 0.0) {
+            uint32_t *corner = &layer->triangles[3 * t];
+            const uint32_t second = corner[1];
+            corner[1] = corner[2];
+            corner[2] = second;
+        }
+    }
+    return PC_OK;
+}

@@ -19,4 +19,9 @@ PC_NODISCARD pc_status pci_visual_layer(pci_scratch *scratch, const char *stage,
                                         pc_mesh *layer, pci_layering *layering,
                                         uint64_t *filled_loops);
 
+// Turns the components of `layer` over that face the other way than `reference`, by area.
+// PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY.
+PC_NODISCARD pc_status pci_face_like(pci_scratch *scratch, const char *stage,
+                                     const pc_mesh *reference, pc_mesh *layer);
+
 #endif

@@ -363,10 +363,27 @@ static void takes_clean_sheets_as_they_are(void **state) {
         if (report.source == PC_LAYER_VISUAL) {
             assert_int_equal(layer.triangle_count, visual->triangle_count);
             assert_close(mesh_area(&layer), mesh_area(visual), 1e-12);
+            assert_memory_equal(layer.triangles, visual->triangles,
+                                3 * visual->triangle_count * sizeof(uint32_t));
         }
         pc_mesh_free(context, &layer);
         pc_labels_free(context, &labels);
     }
+    // The labelled side is the outside, whatever the visual mesh says.
+    pc_mesh inside_out = test_tube(context, 24, 12, 1.0, 2.0), turned = {0};
+    for (size_t f = 0; f < inside_out.triangle_count; ++f) {
+        const uint32_t second = inside_out.triangles[3 * f + 1];
+        inside_out.triangles[3 * f + 1] = inside_out.triangles[3 * f + 2];
+        inside_out.triangles[3 * f + 2] = second;
+    }
+    pc_labels ones = make_labels(context, tube.vertex_count, 1);
+    assert_ok(context, pc_carve(context, &inside_out, &tube, &ones, cell, NULL, &turned, NULL));
+    assert_memory_equal(turned.triangles, tube.triangles,
+                        3 * tube.triangle_count * sizeof(uint32_t));
+    pc_mesh_free(context, &turned);
+    pc_mesh_free(context, &inside_out);
+    pc_labels_free(context, &ones);
+
     // A missing triangle is a hole of less than three voxels, and is filled.
     pc_mesh pierced = sheet, layer = {0};
     pierced.triangle_count -= 1;

@@ -24,7 +24,7 @@ static const pc_field option_fields[] = {
         pc_carve_options, carve_distance, DOUBLE, 0.25, 0.05, 10.0, "voxels",
         "epsilon_carved: surface farther than this beside the visual mesh is cut away"),
     PCI_FIELD_OPTION(
-        pc_carve_options, smallest_part, DOUBLE, 0.05, 0.0, 1.0, "",
+        pc_carve_options, smallest_part, DOUBLE, 0.02, 0.0, 1.0, "",
         "Parts below this share of the largest part's area are dropped, unless they are "
         "loose parts of the garment"),
     PCI_FIELD_OPTION(pc_carve_options, fill_loops, UINT, 12, 0, 1000, "edges",

@@ -13,11 +13,22 @@
         .help = (help_)                                                                            \
     }
 
+static const char *const part_choices[] = {"together", "separate", NULL};
 static const pc_field settings_fields[] = {
     SETTING(threads, UINT, 0, 0, 256, "", "Threads; 0 means one per core"),
     SETTING(import_memory, UINT, 4096, 16, 1048576, "MiB", "Memory that reading a file may use"),
     SETTING(import_seconds, DOUBLE, 60, 0.01, 86400, "s", "Time that reading a file may take"),
+    {.name = "parts",
+     .type = PC_FIELD_CHOICE,
+     .offset = offsetof(cli_settings, parts),
+     .default_value = CLI_PARTS_TOGETHER,
+     .maximum = CLI_PARTS_SEPARATE,
+     .unit = "",
+     .help = "Whether several garments in one file share a proxy or get one each",
+     .choices = part_choices},
     SETTING(png, BOOL, 1, 0, 1, "", "Write the contact sheet NAME.png"),
+    SETTING(strip, BOOL, 0, 0, 1, "",
+            "Write NAME.strip.png: turntable, weights, skinned frames and stretch in rows"),
     SETTING(json, BOOL, 0, 0, 1, "", "Print JSON"),
     SETTING(motion, BOOL, 0, 0, 1, "",
             "Measure the weights of an asset on a wind they have not seen"),
@@ -37,9 +48,12 @@ static bool accepts_setting(const cli_command *command, const pc_field *field) {
         return (command->accepts & CLI_MESH) != 0;
     case offsetof(cli_settings, json):
         return (command->accepts & CLI_JSON) != 0;
+    case offsetof(cli_settings, parts):
+        return (command->accepts & CLI_PARTS) != 0;
     case offsetof(cli_settings, motion):
         return (command->accepts & CLI_MOTION) != 0;
     case offsetof(cli_settings, png):
+    case offsetof(cli_settings, strip):
         return (command->accepts & CLI_PNG) != 0;
     default:
         return true;

@@ -19,12 +19,17 @@ typedef enum cli_exit {
     CLI_INTERRUPTED = 130
 } cli_exit;
 
+// What becomes of a file with several garments.
+typedef enum cli_part_mode { CLI_PARTS_TOGETHER, CLI_PARTS_SEPARATE } cli_part_mode;
+
 // Options of the program itself that are numbers or switches; described by cli_settings_record.
 typedef struct cli_settings {
     uint32_t threads;
     uint32_t import_memory; // MiB
     double import_seconds;
+    uint32_t parts; // cli_part_mode
     bool png;
+    bool strip;
     bool json;
     bool motion;
     bool quiet;
@@ -40,10 +45,11 @@ typedef enum cli_accepts {
     CLI_NAME = 1 << 2,          // --name
     CLI_MESH = 1 << 3,          // --mesh, --import-memory, --import-seconds
     CLI_JSON = 1 << 4,          // --json
-    CLI_PNG = 1 << 5,           // --png
+    CLI_PNG = 1 << 5,           // --png, --strip
     CLI_MOTION = 1 << 6,        // --motion and its options
     CLI_SCENARIO = 1 << 7,      // --scenario
-    CLI_WRITE_LP = 1 << 8       // --write-lp
+    CLI_WRITE_LP = 1 << 8,      // --write-lp
+    CLI_PARTS = 1 << 9          // --parts
 } cli_accepts;
 
 enum { CLI_MAXIMUM_LEVELS = 16 };
@@ -153,9 +159,10 @@ int cli_input_kind(const char *command, const char *path, cli_kind *kind);
 int cli_garment_name(const cli_command *command, const cli_arguments *arguments,
                      char name[sizeof(((pc_asset *)NULL)->name)]);
 
-// Appends ".lod64" to the name of an asset. Prints the message when it gets too long.
-int cli_name_level(const cli_command *command, const char *base, uint32_t vertices,
-                   char name[sizeof(((pc_asset *)NULL)->name)]);
+// Appends ".KINDnumber" (".lod64", ".part2") to the name of an asset. Prints the message when it
+// gets too long.
+int cli_extend_name(const cli_command *command, const char *base, const char *kind, uint32_t number,
+                    char name[sizeof(((pc_asset *)NULL)->name)]);
 
 // Loads an asset file.
 int cli_load_asset(const cli_command *command, pc_context *context, const char *path,
@@ -186,7 +193,7 @@ int cli_output_commit(const cli_command *command, cli_output *output);
 // Removes whatever is still staged, and folders that were made in vain.
 void cli_output_end(cli_output *output);
 
-// Writes glb, proxy.obj, json, png (and h5) of a finished asset.
+// Writes glb, proxy.obj, json, png (and h5, strip.png) of a finished asset.
 int cli_export_files(const cli_command *command, const cli_arguments *arguments,
                      pc_context *context, const pc_asset *asset, const pc_timings *timings,
                      bool with_asset, cli_output *output);

@@ -13,10 +13,12 @@ typedef enum result_file {
     FILE_ASSET,
     FILE_REPORT,
     FILE_SHEET,
+    FILE_STRIP,
     FILE_COUNT
 } result_file;
 
-static const char *const extensions[FILE_COUNT] = {".glb", ".proxy.obj", ".h5", ".json", ".png"};
+static const char *const extensions[FILE_COUNT] = {".glb",  ".proxy.obj", ".h5",
+                                                   ".json", ".png",       ".strip.png"};
 
 static pc_status write_file(pc_context *context, result_file file, const pc_asset *asset,
                             const pc_timings *timings, const pc_measures *measures,
@@ -32,18 +34,22 @@ static pc_status write_file(pc_context *context, result_file file, const pc_asse
         return pc_export_report(context, asset, measures, timings, path);
     case FILE_SHEET:
         return pc_export_contact_sheet(context, asset, NULL, path);
+    case FILE_STRIP:
+        return pc_export_strip(context, asset, NULL, path);
     case FILE_COUNT:
         break;
     }
     return PC_ERROR_INTERNAL;
 }
 
-// Warnings of a report; in a series they say which level.
+// Warnings of a report; where a run has several results they say which one.
 static void warn(const cli_command *command, const cli_arguments *arguments, const pc_asset *asset,
                  const char *stage, const pc_record *record, const void *report) {
     char place[sizeof(asset->name) + 32];
     snprintf(place, sizeof(place), "%s: %s", asset->name, stage);
-    cli_warn_report(command->name, arguments->level_count > 0 ? place : stage, record, report);
+    const bool several =
+        arguments->level_count > 0 || arguments->settings.parts == CLI_PARTS_SEPARATE;
+    cli_warn_report(command->name, several ? place : stage, record, report);
 }
 
 int cli_export_files(const cli_command *command, const cli_arguments *arguments,
@@ -57,7 +63,8 @@ int cli_export_files(const cli_command *command, const cli_arguments *arguments,
     cli_begin_writing();
     for (result_file file = 0; file < FILE_COUNT; ++file) {
         if ((file == FILE_ASSET && !with_asset) ||
-            (file == FILE_SHEET && !arguments->settings.png)) {
+            (file == FILE_SHEET && !arguments->settings.png) ||
+            (file == FILE_STRIP && !arguments->settings.strip)) {
             continue;
         }
         if (cli_interrupted()) {
@@ -77,57 +84,132 @@ int cli_export_files(const cli_command *command, const cli_arguments *arguments,
     return CLI_OK;
 }
 
-// One finished level, for the lines at the end.
-typedef struct level {
+// One result, for the lines at the end.
+typedef struct result {
     char name[sizeof(((pc_asset *)NULL)->name)];
     size_t vertices, triangles;
-} level;
+} result;
 
-// One garment on its way to its files: one proxy, or a series of levels of detail.
-typedef struct garment {
+// A run: the garments of the input, each with one proxy or a series of levels of detail.
+typedef struct build_run {
     const cli_command *command;
     const cli_arguments *arguments;
     pc_context *context;
+    const scene_data *scene;
+    const uint8_t *chosen; // per part of the scene
     cli_output *output;
-    pc_timings timings;
-    level levels[CLI_MAXIMUM_LEVELS];
-    size_t level_count;
-} garment;
+    pc_asset *assets;    // per garment
+    pc_timings *timings; // per garment
+    size_t garment_count;
+    result *results; // garment_count by levels
+    size_t result_count;
+} build_run;
 
-static void warn_about_stages(const garment *g, const pc_asset *asset, pc_stage first,
-                              pc_stage end) {
+static int fail_garment(const build_run *r, pc_status status, const pc_asset *asset) {
+    return cli_fail_status(r->command->name, r->context, status,
+                           r->garment_count > 1 ? asset->name : r->arguments->inputs[0], false);
+}
+
+static void warn_about_stages(const build_run *r, size_t garment, pc_stage first, pc_stage end) {
+    const pc_asset *asset = &r->assets[garment];
     for (pc_stage stage = first; stage < end; ++stage) {
         const pc_stage_info *info = pc_stage_describe(stage);
-        warn(g->command, g->arguments, asset, info->name, info->report,
+        warn(r->command, r->arguments, asset, info->name, info->report,
              (const char *)&asset->reports + info->report_offset);
-        if (g->arguments->settings.verbose) {
-            fprintf(stderr, "proxycloth %s: note: %s: %.2f s\n", g->command->name, info->name,
-                    g->timings.seconds[stage]);
+        if (r->arguments->settings.verbose) {
+            fprintf(stderr, "proxycloth %s: note: %s: %.2f s\n", r->command->name, info->name,
+                    r->timings[garment].seconds[stage]);
         }
     }
 }
 
-static void print_summary(const garment *g) {
-    for (size_t i = 0; i < g->level_count && !g->arguments->settings.quiet; ++i) {
+static void print_summary(const build_run *r) {
+    for (size_t i = 0; i < r->result_count && !r->arguments->settings.quiet; ++i) {
         fprintf(stderr, "proxycloth %s: note: %s: %zu vertices, %zu triangles -> %s/%s.*\n",
-                g->command->name, g->levels[i].name, g->levels[i].vertices, g->levels[i].triangles,
-                g->arguments->output, g->levels[i].name);
+                r->command->name, r->results[i].name, r->results[i].vertices,
+                r->results[i].triangles, r->arguments->output, r->results[i].name);
     }
 }
 
-// Runs the stages that depend on the number of vertices, and writes the files.
-static int finish_level(garment *g, const pc_options *options, pc_asset *asset) {
-    const pc_status status =
-        pc_build_from(g->context, PC_STAGE_SIMPLIFY, options, asset, &g->timings);
-    if (status != PC_OK) {
-        return cli_fail_status(g->command->name, g->context, status, g->arguments->inputs[0],
-                               false);
+static int make_room(build_run *r, size_t garments) {
+    const size_t levels = r->arguments->level_count > 0 ? r->arguments->level_count : 1;
+    r->assets = calloc(garments, sizeof(*r->assets));
+    r->timings = calloc(garments, sizeof(*r->timings));
+    r->results = calloc(garments * levels, sizeof(*r->results));
+    if (r->assets == NULL || r->timings == NULL || r->results == NULL) {
+        return cli_fail(r->command->name, CLI_FAILED, "memory ran out");
     }
-    const int code =
-        cli_export_files(g->command, g->arguments, g->context, asset, &g->timings, true, g->output);
+    r->garment_count = garments;
+    return CLI_OK;
+}
+
+// Takes over the visual mesh as one garment, or splits it into its parts.
+static int take_garments(build_run *r, pc_visual *visual, const pc_visual_report *report) {
+    pc_parts parts = {0};
+    int code = CLI_OK;
+    if (r->arguments->settings.parts == CLI_PARTS_SEPARATE) {
+        const pc_status status = pc_split_visual(r->context, visual, &parts);
+        code = status == PC_OK ? make_room(r, parts.part_count)
+                               : cli_fail_status(r->command->name, r->context, status,
+                                                 r->arguments->inputs[0], false);
+    } else {
+        code = make_room(r, 1);
+    }
+    char base[sizeof(((pc_asset *)NULL)->name)] = {0};
     if (code == CLI_OK) {
-        warn_about_stages(g, asset, PC_STAGE_SIMPLIFY, PC_STAGE_COUNT);
-        level *done = &g->levels[g->level_count++];
+        code = cli_garment_name(r->command, r->arguments, base);
+    }
+    for (size_t i = 0; i < r->garment_count && code == CLI_OK; ++i) {
+        pc_asset *asset = &r->assets[i];
+        pc_visual *source = parts.part_count > 0 ? &parts.visuals[i] : visual;
+        asset->visual = *source;
+        memset(source, 0, sizeof(*source));
+        asset->reports.visual = parts.part_count > 0 ? parts.reports[i] : *report;
+        memcpy(asset->name, base, sizeof(base));
+        if (r->garment_count > 1) {
+            code = cli_extend_name(r->command, base, "part", (uint32_t)i + 1, asset->name);
+        }
+    }
+    pc_parts_free(r->context, &parts);
+    return code;
+}
+
+// Runs the stages that do not depend on the number of vertices.
+static int build_layer(build_run *r, size_t garment) {
+    pc_asset *asset = &r->assets[garment];
+    const int code = cli_load_scenario(r->command, r->arguments, r->context, asset);
+    if (code != CLI_OK) {
+        return code;
+    }
+    pc_status status = scene_character(r->scene, r->chosen, r->context, &asset->character);
+    for (pc_stage stage = 0; stage < PC_STAGE_SIMPLIFY && status == PC_OK; ++stage) {
+        status =
+            pc_run_stage(r->context, stage, &r->arguments->options, asset, &r->timings[garment]);
+    }
+    if (status != PC_OK) {
+        return fail_garment(r, status, asset);
+    }
+    warn(r->command, r->arguments, asset, "visual", &pc_visual_report_record,
+         &asset->reports.visual);
+    warn_about_stages(r, garment, PC_STAGE_VOXELIZE, PC_STAGE_SIMPLIFY);
+    return CLI_OK;
+}
+
+// Runs the other stages, and writes the files.
+static int finish(build_run *r, size_t garment, uint32_t vertices) {
+    pc_asset *asset = &r->assets[garment];
+    pc_options options = r->arguments->options;
+    options.simplify.vertices = vertices;
+    const pc_status status =
+        pc_build_from(r->context, PC_STAGE_SIMPLIFY, &options, asset, &r->timings[garment]);
+    if (status != PC_OK) {
+        return fail_garment(r, status, asset);
+    }
+    const int code = cli_export_files(r->command, r->arguments, r->context, asset,
+                                      &r->timings[garment], true, r->output);
+    if (code == CLI_OK) {
+        warn_about_stages(r, garment, PC_STAGE_SIMPLIFY, PC_STAGE_COUNT);
+        result *done = &r->results[r->result_count++];
         memcpy(done->name, asset->name, sizeof(done->name));
         done->vertices = asset->proxy.vertex_count;
         done->triangles = asset->proxy.triangle_count;
@@ -135,53 +217,71 @@ static int finish_level(garment *g, const pc_options *options, pc_asset *asset) 
     return code;
 }
 
-static int finish_levels(garment *g, pc_asset *asset) {
-    pc_options options = g->arguments->options;
-    if (g->arguments->level_count == 0) {
-        return finish_level(g, &options, asset);
+// Shares the vertices between the garments by the area of their single layers. The caller frees
+// the result; NULL after a message.
+static uint32_t *share(const build_run *r, uint32_t vertices) {
+    double *areas = calloc(r->garment_count, sizeof(*areas));
+    uint32_t *shares = calloc(r->garment_count, sizeof(*shares));
+    pc_status status = PC_ERROR_OUT_OF_MEMORY;
+    for (size_t i = 0; areas != NULL && i < r->garment_count; ++i) {
+        areas[i] = pc_mesh_area(&r->assets[i].single_layer);
     }
-    char base[sizeof(asset->name)];
-    memcpy(base, asset->name, sizeof(base));
-    int code = CLI_OK;
-    for (size_t i = 0; i < g->arguments->level_count && code == CLI_OK; ++i) {
-        options.simplify.vertices = g->arguments->levels[i];
-        code = cli_name_level(g->command, base, g->arguments->levels[i], asset->name);
-        if (code == CLI_OK) {
-            code = finish_level(g, &options, asset);
+    if (areas != NULL && shares != NULL) {
+        status = pc_share_vertices(r->context, r->garment_count, areas, vertices, shares);
+    }
+    free(areas);
+    if (status != PC_OK) {
+        free(shares);
+        shares = NULL;
+        (void)cli_fail(r->command->name, CLI_FAILED, "memory ran out");
+    }
+    return shares;
+}
+
+// One level of every garment. `level` 0: not part of a series.
+static int build_level(build_run *r, uint32_t vertices, uint32_t level) {
+    uint32_t *shares = share(r, vertices);
+    int code = shares != NULL ? CLI_OK : CLI_FAILED;
+    for (size_t i = 0; i < r->garment_count && code == CLI_OK; ++i) {
+        char base[sizeof(r->assets[i].name)];
+        memcpy(base, r->assets[i].name, sizeof(base));
+        if (level > 0) {
+            code = cli_extend_name(r->command, base, "lod", level, r->assets[i].name);
         }
+        if (code == CLI_OK) {
+            code = finish(r, i, r->garment_count > 1 ? shares[i] : vertices);
+        }
+        memcpy(r->assets[i].name, base, sizeof(base));
     }
+    free(shares);
     return code;
 }
 
-static int build(garment *g, const scene_data *scene, const uint8_t *chosen, pc_asset *asset) {
-    int code = cli_garment_name(g->command, g->arguments, asset->name);
-    if (code != CLI_OK) {
-        return code;
-    }
-    code = cli_load_scenario(g->command, g->arguments, g->context, asset);
-    if (code != CLI_OK) {
-        return code;
-    }
-    pc_status status =
-        scene_visual(scene, chosen, g->context, &asset->visual, &asset->reports.visual);
-    if (status == PC_OK) {
-        status = scene_character(scene, chosen, g->context, &asset->character);
-    }
-    for (pc_stage stage = 0; stage < PC_STAGE_SIMPLIFY && status == PC_OK; ++stage) {
-        status = pc_run_stage(g->context, stage, &g->arguments->options, asset, &g->timings);
-    }
+static int build(build_run *r) {
+    pc_visual visual = {0};
+    pc_visual_report report;
+    const pc_status status = scene_visual(r->scene, r->chosen, r->context, &visual, &report);
     if (status != PC_OK) {
-        return cli_fail_status(g->command->name, g->context, status, g->arguments->inputs[0],
+        return cli_fail_status(r->command->name, r->context, status, r->arguments->inputs[0],
                                false);
     }
-    cli_warn_report(g->command->name, "visual", &pc_visual_report_record, &asset->reports.visual);
-    warn_about_stages(g, asset, PC_STAGE_VOXELIZE, PC_STAGE_SIMPLIFY);
-    code = finish_levels(g, asset);
-    if (code == CLI_OK) {
-        code = cli_output_commit(g->command, g->output);
+    int code = take_garments(r, &visual, &report);
+    pc_visual_free(r->context, &visual);
+    for (size_t i = 0; i < r->garment_count && code == CLI_OK; ++i) {
+        code = build_layer(r, i);
+    }
+    const size_t levels = r->arguments->level_count;
+    if (code == CLI_OK && levels == 0) {
+        code = build_level(r, r->arguments->options.simplify.vertices, 0);
+    }
+    for (size_t i = 0; i < levels && code == CLI_OK; ++i) {
+        code = build_level(r, r->arguments->levels[i], r->arguments->levels[i]);
     }
     if (code == CLI_OK) {
-        print_summary(g);
+        code = cli_output_commit(r->command, r->output);
+    }
+    if (code == CLI_OK) {
+        print_summary(r);
     }
     return code;
 }
@@ -198,9 +298,8 @@ int cli_run_build(const cli_command *command, cli_arguments *arguments) {
     scene_data scene = {0};
     uint8_t *chosen = NULL;
     pc_context *context = NULL;
-    pc_asset asset;
-    memset(&asset, 0, sizeof(asset));
     cli_output output = {0};
+    build_run r = {.command = command, .arguments = arguments, .output = &output};
     if (code == CLI_OK) {
         code = scene_import_selected(command, arguments, arguments->inputs[0], &scene, &chosen);
     }
@@ -212,14 +311,18 @@ int cli_run_build(const cli_command *command, cli_arguments *arguments) {
         code = cli_context(command, arguments, &context);
     }
     if (code == CLI_OK) {
-        garment g = {
-            .command = command, .arguments = arguments, .context = context, .output = &output};
-        code = build(&g, &scene, chosen, &asset);
+        r.context = context;
+        r.scene = &scene;
+        r.chosen = chosen;
+        code = build(&r);
     }
     cli_output_end(&output);
-    if (context != NULL) {
-        pc_asset_free(context, &asset);
+    for (size_t i = 0; i < r.garment_count; ++i) {
+        pc_asset_free(context, &r.assets[i]);
     }
+    free(r.assets);
+    free(r.timings);
+    free(r.results);
     pc_context_destroy(context);
     free(chosen);
     scene_free(&scene);

@@ -74,8 +74,9 @@ static int run_levels(const cli_command *command, const cli_arguments *arguments
     for (size_t i = 0; i < arguments->level_count && code == CLI_OK; ++i) {
         options.simplify.vertices = arguments->levels[i];
         char *path = level_path(output, arguments->levels[i]);
-        code = path != NULL ? cli_name_level(command, base, arguments->levels[i], asset->name)
-                            : cli_fail(command->name, CLI_FAILED, "memory ran out");
+        code = path != NULL
+                   ? cli_extend_name(command, base, "lod", arguments->levels[i], asset->name)
+                   : cli_fail(command->name, CLI_FAILED, "memory ran out");
         if (code == CLI_OK) {
             code = run_and_save(command, context, &options, asset, arguments, path);
         }

@@ -83,12 +83,16 @@ void cli_print_help(const cli_command *command) {
         print_setting("import_seconds");
         print_setting("import_memory");
     }
+    if ((command->accepts & CLI_PARTS) != 0) {
+        print_setting("parts");
+    }
     if ((command->accepts & CLI_SCENARIO) != 0) {
         print_line("--scenario FILE.json", "What the proxy goes through: winds, pins, attachment,",
                    "colliders");
     }
     if ((command->accepts & CLI_PNG) != 0) {
         print_setting("png");
+        print_setting("strip");
     }
     if ((command->accepts & CLI_MOTION) != 0) {
         print_setting("motion");

@@ -33,16 +33,16 @@ int cli_garment_name(const cli_command *command, const cli_arguments *arguments,
     return CLI_OK;
 }
 
-int cli_name_level(const cli_command *command, const char *base, uint32_t vertices,
-                   char name[sizeof(((pc_asset *)NULL)->name)]) {
+int cli_extend_name(const cli_command *command, const char *base, const char *kind, uint32_t number,
+                    char name[sizeof(((pc_asset *)NULL)->name)]) {
     const size_t size = sizeof(((pc_asset *)NULL)->name);
     char buffer[sizeof(((pc_asset *)NULL)->name)] = {0};
-    const int length = snprintf(buffer, size, "%s.lod%u", base, (unsigned)vertices);
+    const int length = snprintf(buffer, size, "%s.%s%u", base, kind, (unsigned)number);
     if (length < 0 || (size_t)length >= size) {
         return cli_fail(command->name, CLI_USAGE,
-                        "the name \"%s\" is too long for \".lod%u\" behind it; choose another "
+                        "the name \"%s\" is too long for \".%s%u\" behind it; choose another "
                         "with --name",
-                        base, (unsigned)vertices);
+                        base, kind, (unsigned)number);
     }
     memcpy(name, buffer, size);
     return CLI_OK;

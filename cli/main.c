@@ -22,11 +22,14 @@ static const cli_command commands_before[] = {
                 "NAME.proxy.obj, NAME.h5, NAME.json and NAME.png into OUTDIR, over older ones.\n"
                 "Several levels of detail in one run: --vertices 64,128,512 writes NAME.lod64.glb\n"
                 "and so on, each a proxy with motion and weights of its own.\n"
+                "Several garments in one file: --parts separate writes NAME.part1.glb and so on,\n"
+                "the largest first, and shares the vertices by area; linings, pockets and buttons\n"
+                "stay with what they lie on.\n"
                 "OBJ, PLY and STL files hold neither unit nor up axis and are taken as they are;\n"
                 "see --up-axis. FBX and DAE files are converted to metres and y up.\n",
      .minimum_inputs = 1,
      .maximum_inputs = 1,
-     .accepts = CLI_OUTPUT_FOLDER | CLI_NAME | CLI_MESH | CLI_PNG | CLI_SCENARIO,
+     .accepts = CLI_OUTPUT_FOLDER | CLI_NAME | CLI_MESH | CLI_PNG | CLI_SCENARIO | CLI_PARTS,
      .stages = all_stages,
      .run = cli_run_build},
 };

@@ -5,18 +5,28 @@
 /// A loop is a hole only if its part has twice the area of a disc of that circumference; the outer
 /// rim of a small part is never closed.
 ///
-/// Openings narrower than two voxels (cuffs, a neckline, the foot of a leg) are closed in the
-/// iso-surface. Always on: a part of the layer that leaves the visual mesh sideways by more than
-/// `carve_distance`, and around which the visual mesh ends (rims on at least 9 of 12 sides), is such
-/// a membrane and is cut out along the isoline of that distance. What bridges two surfaces, as
-/// between the legs, has no rim around it and stays, as does what holds the layer together.
-///
-/// With `carve` on, everything farther than `carve_distance` beside the visual mesh is cut away
-/// (section 5.1), so that separate parts can move freely.
+/// DEVIATION: a garment that is one clean sheet already (many simulation garments are) needs no
+/// labels: the projected mesh can only be farther from it, and closes gaps below two voxels. With
+/// `layer_source` auto the visual mesh itself is taken, repaired to a manifold and with holes of
+/// less than 3 voxels around filled, when each of its parts has a border, no two parts come within
+/// a voxel of each other, every visual vertex is within a voxel of it, and
+/// - at most 2 % of its area sees another sheet within a voxel, or
+/// - it is folded: at most 15 % sees a back behind it within a voxel, no more than 5 % more
+///   than see a front before them (a lining shows backs only), and the labels give another number
+///   of components or loops, or leave 1 % of its vertices more than 2 voxels away.
 ///
 /// The border of the layer follows the voxels; with `snap_border` it is moved onto the garment's
 /// hems within 1.5 voxels (edges of one triangle with no other cloth in front), and the surface
 /// behind it follows. Straps of few voxels stay as they are.
+///
+/// Openings narrower than two voxels (cuffs, a neckline, the foot of a leg) are closed in the
+/// iso-surface. Always on: a part of the layer that leaves the visual mesh sideways by more than
+/// `carve_distance`, and around which the visual mesh ends (rims on at least 9 of 12 sides), is
+/// such a membrane and is cut out along the isoline of that distance. What bridges two surfaces, as
+/// between the legs, has no rim around it and stays, as does what holds the layer together.
+///
+/// With `carve` on, everything farther than `carve_distance` beside the visual mesh is cut away
+/// (section 5.1), so that separate parts can move freely.
 ///
 /// DEVIATION: the distance is not geodesic; it is the share along the surface of the straight
 /// distance to the nearest point of the visual mesh. The two agree up to gaps of a few voxels, and
@@ -32,15 +42,24 @@
 extern "C" {
 #endif
 
+/// Where the single layer comes from.
+typedef enum pc_layer_source {
+    PC_LAYER_AUTO = 0,   ///< the visual mesh where it is a single layer already, else the labels
+    PC_LAYER_LABELS = 1, ///< always the labelled side of the projected mesh, as in the paper
+    PC_LAYER_VISUAL = 2  ///< always the visual mesh, repaired
+} pc_layer_source;
+
 typedef struct pc_carve_options {
+    uint32_t layer_source; ///< pc_layer_source
     bool carve;            ///< also cut what bridges two surfaces (section 5.1)
     double carve_distance; ///< epsilon_carved, in voxels; regions that reach 1.2 times as far count
-    double smallest_part;  ///< parts below this fraction of the largest part's area are dropped
-    uint32_t fill_loops;   ///< boundary loops of at most this many edges are filled
-    bool snap_border;      ///< move the border onto the garment's hems
+    double smallest_part; ///< of the largest part's area; smaller ones near larger ones are dropped
+    uint32_t fill_loops;  ///< boundary loops of at most this many edges are filled
+    bool snap_border;     ///< move the border onto the garment's hems
 } pc_carve_options;
 
 typedef struct pc_carve_report {
+    uint32_t source; ///< pc_layer_source, labels or visual
     uint64_t vertices;
     uint64_t triangles;
     uint64_t components;

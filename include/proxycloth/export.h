@@ -56,9 +56,11 @@ extern const pc_record pc_contact_sheet_options_record;
 
 /// Renders the stages side by side into a PNG, for people who judge cloth by eye.
 ///
-/// Row 1: visual mesh, iso-surface, projected mesh, single layer and proxy from the front; row 2:
-/// the same from the back; then the visual mesh skinned to frames of the motion, with the proxy's
-/// edges over it. Stages that did not run are left out. All pictures of the first two rows have one
+/// Row 1: visual mesh, iso-surface, projected mesh, single layer, proxy, and the visual mesh in the
+/// colours of its bones (figure 14: lighter where several bones share the impact) from the front;
+/// row 2: the same from the back; then the visual mesh skinned to frames of the motion, with the
+/// proxy's edges over it; then the same frames in the colours of their stretch: the largest
+/// principal stretch or squeeze of the triangles, 0 grey, 10 % yellow, 20 % red, from 30 % violet. Stages that did not run are left out. All pictures of the first two rows have one
 /// scale, all frames one camera: a three-quarter view from slightly above, up is
 /// `simulate.up_axis`, the front is +z (y up), -y (z up) or +z (x up). Front sides are grey, back
 /// sides blue; the proxy's border edges are drawn bolder. Where two sheets lie on each other the
@@ -70,6 +72,22 @@ extern const pc_record pc_contact_sheet_options_record;
 PC_NODISCARD pc_status pc_export_contact_sheet(pc_context *context, const pc_asset *asset,
                                                const pc_contact_sheet_options *options,
                                                const char *path);
+
+typedef struct pc_strip_options {
+    uint32_t strip_tile;   ///< pixels of one picture's side, 96..2048
+    uint32_t strip_frames; ///< pictures in a row, 2..64
+} pc_strip_options;
+
+extern const pc_record pc_strip_options_record;
+
+/// Renders an animation strip into a PNG, four rows of `strip_frames` pictures: a turntable of the
+/// visual mesh, the same in the colours of its bones, the skinned visual mesh at frames spread
+/// evenly over the motion, and these in the colours of their stretch; see pc_export_contact_sheet.
+/// Equal assets give equal bytes.
+/// @param[in] options  NULL for the defaults.
+/// @return as pc_export_contact_sheet; PC_ERROR_INVALID_ARGUMENT also when a stage is missing.
+PC_NODISCARD pc_status pc_export_strip(pc_context *context, const pc_asset *asset,
+                                       const pc_strip_options *options, const char *path);
 
 #ifdef __cplusplus
 }

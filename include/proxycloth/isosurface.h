@@ -11,7 +11,9 @@
 ///
 /// Postconditions for every input: closed, every edge has exactly two triangles that run it in
 /// opposite directions, every vertex has one fan, no triangles cross, no edge is shorter than .1
-/// voxels; normals point away from the garment.
+/// voxels; normals point away from the garment. From an iso-value of sqrt(3)/2 = .87 voxels up
+/// every point of the garment is enclosed, and what is connected stays so, however thin it is;
+/// below that wires and the edges of sheets may break up.
 #ifndef PROXYCLOTH_ISOSURFACE_H
 #define PROXYCLOTH_ISOSURFACE_H
 

@@ -22,6 +22,9 @@ typedef struct pc_mesh {
 
 void pc_mesh_free(pc_context *context, pc_mesh *mesh);
 
+/// Sum of the areas of all triangles.
+double pc_mesh_area(const pc_mesh *mesh);
+
 /// Positions of a mesh over time: what drives the visual mesh.
 typedef struct pc_motion {
     size_t frame_count;

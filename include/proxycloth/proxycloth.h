@@ -28,6 +28,7 @@
 #include "proxycloth/character.h"
 #include "proxycloth/mesh.h"
 #include "proxycloth/options.h"
+#include "proxycloth/parts.h"
 #include "proxycloth/scenario.h"
 
 #include "proxycloth/carve.h"

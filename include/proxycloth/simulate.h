@@ -13,9 +13,15 @@
 ///   xpbd  one sweep per substep, with the compliance at which one sweep of a whole step would
 ///         correct the share k (Macklin et al., "Small steps in physics simulation", 2019)
 ///
-/// Nothing explodes: a step that leaves more than 5 % of the edges longer than half of
-/// `strain_limit` is repeated in twice as many substeps, up to 64 (substeps 0), and edges beyond
-/// `strain_limit` are pulled back at the end of a step. Both as far as pins and colliders allow.
+/// Nothing explodes: edges whose length differs by more than `strain_limit` are brought back at the
+/// end of every substep; a step that leaves more than 5 % of the edges near the limit is repeated
+/// in twice as many substeps, up to 32, as long as that helps (substeps 0); no correction makes a
+/// vertex faster than the fastest pinned or falling one and the wind; contacts that would stretch
+/// an edge by twice the limit give way. Pins and colliders may still force larger strains.
+///
+/// Contacts act on vertices and on the middles of edges. Parts of the proxy that rest deeper in the
+/// body than a quarter of an edge are tucked in and stay at their depth. The body is a distance
+/// field in the rest pose; each of its parts moves with the joint that carries it.
 ///
 /// DEVIATION: a connected part without a held vertex gets its own `pinned_fraction`; it would fall
 /// out of the scene.

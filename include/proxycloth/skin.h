@@ -14,10 +14,10 @@
 /// AdamW over the surrogate w = |s| / sum |s| needs ten to forty times as long for the same loss.
 ///
 /// The paper names no lambdas. Here each loss is divided by the number of frames and by its norm
-/// (L_r, L_c, L_s: sum of the squared rest lengths of its directed edges; L_a: sum over the vertices of
-/// the squared mean distance to the neighbours; L_f: vertices times the mean square length of the
-/// proxy's edges), so neither the unit nor the resolution matters; epsilon_z is 1/1500 of the
-/// bounding-box diagonal.
+/// (L_r, L_c, L_s: sum of the squared rest lengths of its directed edges; L_a: sum over the
+/// vertices of the squared mean distance to the neighbours; L_f: vertices times the mean square
+/// length of the proxy's edges), so neither the unit nor the resolution matters; epsilon_z is
+/// 1/1500 of the bounding-box diagonal.
 ///
 /// DEVIATION: the paper's losses are 0 for equal weights everywhere, so they reward less motion.
 /// L_f = sum |u_i(t) - u*_i(t)|^2 mends that, u* the displacement of the closest point of the

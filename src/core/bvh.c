@@ -2,6 +2,9 @@
 
 #include <embree3/rtcore.h>
 #include <float.h>
+#include <pthread.h>
+
+#include "core/context.h"
 
 // Embree sees every triangle as a box in coordinates where the mesh fits a cube of side 1 around
 // the origin, so that float is precise enough at any size and place of the mesh. The boxes are
@@ -52,6 +55,24 @@ static void bound_triangle(const struct RTCBoundsFunctionArguments *arguments) {
 
 static void intersect_triangle(const struct RTCIntersectFunctionNArguments *arguments);
 
+// A tree of millions of triangles takes seconds. The user is asked only from the thread that
+// entered the library, and only during the stage that progress counts for.
+typedef struct build_watch {
+    pc_context *context;
+    pthread_t thread;
+    bool wanted;
+} build_watch;
+
+static bool watch_build(void *user, double primitives) {
+    (void)primitives;
+    build_watch *watch = user;
+    if (!pthread_equal(watch->thread, pthread_self())) {
+        return true;
+    }
+    watch->wanted = watch->wanted && pci_keep_going(watch->context);
+    return watch->wanted;
+}
+
 // False: a coordinate is not finite.
 static bool normalise_space(pci_bvh *bvh) {
     const pc_mesh *mesh = bvh->mesh;
@@ -94,6 +115,7 @@ pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *
 
     // One thread: the tree, and with it the order of visits, never depends on timing.
     enum RTCError error = RTC_ERROR_NONE;
+    build_watch watch = {.context = context, .thread = pthread_self(), .wanted = true};
     created->device = rtcNewDevice("threads=1");
     if (created->device == NULL) {
         error = rtcGetDeviceError(NULL);
@@ -108,11 +130,18 @@ pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *
         rtcCommitGeometry(geometry);
         rtcAttachGeometry(created->scene, geometry);
         rtcReleaseGeometry(geometry);
+        if (context->stage != NULL && strcmp(context->stage, stage) == 0) {
+            rtcSetSceneProgressMonitorFunction(created->scene, watch_build, &watch);
+        }
         rtcCommitScene(created->scene);
+        rtcSetSceneProgressMonitorFunction(created->scene, NULL, NULL);
         error = rtcGetDeviceError(created->device);
     }
     if (created->device == NULL || error != RTC_ERROR_NONE) {
         pci_bvh_destroy(context, created);
+        if (!watch.wanted) {
+            return pci_fail_cancelled(context, stage);
+        }
         if (error == RTC_ERROR_OUT_OF_MEMORY) {
             return pci_fail_memory(context, stage);
         }

@@ -9,7 +9,8 @@
 
 typedef struct pci_bvh pci_bvh;
 
-// The mesh must stay alive and unchanged. Degenerate triangles count as segments or points.
+// The mesh must stay alive and unchanged. Degenerate triangles count as segments or points. Can be
+// cancelled, by the user of the running stage when that is `stage`.
 PC_NODISCARD pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *mesh,
                                       pci_bvh **bvh);
 void pci_bvh_destroy(pc_context *context, pci_bvh *bvh); // NULL is accepted

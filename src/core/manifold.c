@@ -2,6 +2,7 @@
 
 #include <stdlib.h>
 
+#include "core/bvh.h"
 #include "core/topology.h"
 #include "core/union_find.h"
 
@@ -315,41 +316,79 @@ bool pci_mesh_repair(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *k
     return write_result(&r, result, counts);
 }
 
-bool pci_drop_small_parts(pci_scratch *scratch, pc_mesh *mesh, double fraction, uint64_t *dropped) {
-    *dropped = 0;
-    if (mesh->triangle_count == 0) {
-        return true;
+// Marks the small components that reach farther than `reach` from the large ones.
+static pc_status find_loose_parts(pci_scratch *scratch, const char *stage, const pc_mesh *mesh,
+                                  const uint32_t *component, const uint8_t *small, double reach,
+                                  uint8_t *loose) {
+    uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, mesh->triangle_count);
+    pc_mesh large = {0};
+    pci_bvh *bvh = NULL;
+    if (keep == NULL) {
+        return pci_fail_memory(scratch->context, stage);
     }
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        keep[t] = !small[component[t]];
+    }
+    if (!pci_mesh_compact(scratch, mesh, keep, &large, NULL)) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    const pc_status status = pci_bvh_create(scratch->context, stage, &large, &bvh);
+    for (size_t i = 0; status == PC_OK && i < 3 * mesh->triangle_count; ++i) {
+        const uint32_t part = component[i / 3];
+        const double *point = &mesh->positions[3 * (size_t)mesh->triangles[i]];
+        if (small[part] && !loose[part]) {
+            loose[part] = pci_bvh_closest(bvh, point, reach).triangle == PC_INVALID_INDEX;
+        }
+    }
+    pci_bvh_destroy(scratch->context, bvh);
+    pc_mesh_free(scratch->context, &large);
+    return status;
+}
+
+pc_status pci_drop_small_parts(pci_scratch *scratch, const char *stage, pc_mesh *mesh,
+                               double fraction, double reach, uint64_t *dropped) {
     pci_topology topology;
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
-    if (!pci_topology_build(scratch, mesh, &topology)) {
-        return false;
+    if (scratch->failed || !pci_topology_build(scratch, mesh, &topology)) {
+        return pci_fail_memory(scratch->context, stage);
     }
     const size_t count = pci_triangle_components(scratch, mesh, &topology, component);
     double *areas = PCI_SCRATCH(scratch, double, count);
+    uint8_t *small = PCI_SCRATCH(scratch, uint8_t, count);
+    uint8_t *loose = PCI_SCRATCH(scratch, uint8_t, count);
     uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, mesh->triangle_count);
     if (scratch->failed) {
-        return false;
+        return pci_fail_memory(scratch->context, stage);
     }
     double largest = 0.0;
     for (size_t t = 0; t < mesh->triangle_count; ++t) {
         areas[component[t]] += pci_triangle_area(mesh, t);
         largest = fmax(largest, areas[component[t]]);
     }
+    size_t smalls = 0;
     for (size_t i = 0; i < count; ++i) {
-        *dropped += areas[i] < fraction * largest;
+        small[i] = areas[i] < fraction * largest;
+        smalls += small[i];
     }
-    if (*dropped == 0) {
-        return true;
+    if (smalls == 0) {
+        return PC_OK;
+    }
+    const pc_status status = find_loose_parts(scratch, stage, mesh, component, small, reach, loose);
+    if (status != PC_OK) {
+        return status;
+    }
+    for (size_t i = 0; i < count; ++i) {
+        small[i] = small[i] && !loose[i];
+        *dropped += small[i];
     }
     for (size_t t = 0; t < mesh->triangle_count; ++t) {
-        keep[t] = !(areas[component[t]] < fraction * largest);
+        keep[t] = !small[component[t]];
     }
     pc_mesh kept = {0};
     if (!pci_mesh_compact(scratch, mesh, keep, &kept, NULL)) {
-        return false;
+        return pci_fail_memory(scratch->context, stage);
     }
     pc_mesh_free(scratch->context, mesh);
     *mesh = kept;
-    return true;
+    return PC_OK;
 }

@@ -19,8 +19,10 @@ typedef struct pci_repair_counts {
 bool pci_mesh_repair(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *keep,
                      pc_mesh *result, pci_repair_counts *counts);
 
-// Removes the components smaller than `fraction` of the largest one's area; `dropped` receives
-// their number. False: out of memory.
-bool pci_drop_small_parts(pci_scratch *scratch, pc_mesh *mesh, double fraction, uint64_t *dropped);
+// Removes the components smaller than `fraction` of the largest one's area, except loose ones:
+// those with a vertex farther than `reach` from the larger ones. `dropped` is added to. PC_OK;
+// PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY.
+PC_NODISCARD pc_status pci_drop_small_parts(pci_scratch *scratch, const char *stage, pc_mesh *mesh,
+                                            double fraction, double reach, uint64_t *dropped);
 
 #endif

@@ -366,6 +366,22 @@ static bool on_edge(const drawing *d, uint32_t triangle, const surface_point *p)
     return false;
 }
 
+static void color_at(const pci_model *model, uint32_t triangle, const surface_point *p,
+                     float color[3]) {
+    if (model->colors == NULL) {
+        memcpy(color, p->front ? front_albedo : back_albedo, sizeof(front_albedo));
+        return;
+    }
+    memset(color, 0, sizeof(front_albedo));
+    for (size_t c = 0; c < 3; ++c) {
+        const float *corner =
+            &model->colors[3 * (size_t)model->mesh->triangles[3 * (size_t)triangle + c]];
+        for (size_t k = 0; k < 3; ++k) {
+            color[k] += (float)p->weights[c] * corner[k];
+        }
+    }
+}
+
 static float light_at(const drawing *d, uint32_t triangle, const surface_point *p) {
     const pci_model *model = d->model;
     float normal[3] = {0.0F, 0.0F, 0.0F}, point[3] = {0.0F, 0.0F, 0.0F};
@@ -436,7 +452,8 @@ static void resolve_pixel(const drawing *d, const canvas *band, size_t column, s
             fronts[seen_count] = p.front;
             lights[seen_count++] = light_at(d, triangle, &p);
         }
-        const float *albedo = p.front ? front_albedo : back_albedo;
+        float albedo[3];
+        color_at(d->model, triangle, &p, albedo);
         for (size_t k = 0; k < 3; ++k) {
             const float value = albedo[k] * lights[i];
             sum[k] += value < 1.0F ? value : 1.0F;

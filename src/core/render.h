@@ -31,6 +31,8 @@ typedef struct pci_model {
     uint8_t *borders; // #F, bit c: no other triangle at the edge from corner c to c + 1
     double centre[3], radius;
     float *shadows; // depth seen from each lamp of the dome; NULL: unlit
+    // #V by 3, linear, of both sides; the caller's. NULL: front sides grey, back sides blue.
+    const float *colors;
 } pci_model;
 
 typedef enum pci_look {

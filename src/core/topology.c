@@ -18,13 +18,14 @@ static void half_edge_ends(const pc_mesh *mesh, size_t half, uint32_t ends[2]) {
 }
 
 // Orders the half-edges by (first, second, index), leaving out those without length: two stable
-// counting sorts. Returns their number; `order` has room for all.
-static size_t sort_half_edges(pci_scratch *scratch, const pc_mesh *mesh, uint32_t *order) {
+// counting sorts. `order` has room for all. False: out of memory, or cancelled while `watched`.
+static bool sort_half_edges(pci_scratch *scratch, const pc_mesh *mesh, bool watched,
+                            uint32_t *order, size_t *count) {
     const size_t half_count = 3 * mesh->triangle_count, nv = mesh->vertex_count;
     uint32_t *by_second = PCI_SCRATCH(scratch, uint32_t, half_count);
     size_t *next = PCI_SCRATCH(scratch, size_t, 2 * (nv + 1));
     if (scratch->failed) {
-        return 0;
+        return false;
     }
     size_t *next_first = next, *next_second = next + nv + 1;
     uint32_t ends[2];
@@ -37,30 +38,32 @@ static size_t sort_half_edges(pci_scratch *scratch, const pc_mesh *mesh, uint32_
     }
     accumulate(next_first, nv);
     accumulate(next_second, nv);
-    const size_t count = next_first[nv];
+    *count = next_first[nv];
+    if (watched && !pci_keep_going(scratch->context)) {
+        return false;
+    }
     for (size_t h = 0; h < half_count; ++h) {
         half_edge_ends(mesh, h, ends);
         if (ends[0] != ends[1]) {
             by_second[next_second[ends[1]]++] = (uint32_t)h;
         }
     }
-    for (size_t i = 0; i < count; ++i) {
+    if (watched && !pci_keep_going(scratch->context)) {
+        return false;
+    }
+    for (size_t i = 0; i < *count; ++i) {
         half_edge_ends(mesh, by_second[i], ends);
         order[next_first[ends[0]]++] = by_second[i];
     }
-    return count;
+    return !watched || pci_keep_going(scratch->context);
 }
 
 // Edges, edges of triangles and triangles of edges from the ordered half-edges.
-static bool build_edges(pci_scratch *scratch, const pc_mesh *mesh, pci_topology *topology) {
+static bool build_edges(pci_scratch *scratch, const pc_mesh *mesh, const uint32_t *order,
+                        size_t count, pci_topology *topology) {
     const size_t half_count = 3 * mesh->triangle_count;
-    uint32_t *order = PCI_SCRATCH(scratch, uint32_t, half_count);
     topology->triangle_edges = PCI_SCRATCH(scratch, uint32_t, half_count);
     topology->edge_triangles = PCI_SCRATCH(scratch, uint32_t, half_count);
-    if (scratch->failed) {
-        return false;
-    }
-    const size_t count = sort_half_edges(scratch, mesh, order);
     if (scratch->failed) {
         return false;
     }
@@ -141,11 +144,31 @@ static bool build_rings(pci_scratch *scratch, size_t vertex_count, pci_topology 
     return true;
 }
 
-bool pci_topology_build(pci_scratch *scratch, const pc_mesh *mesh, pci_topology *topology) {
+// `watched`: asks between the steps whether to go on.
+static bool build(pci_scratch *scratch, const pc_mesh *mesh, bool watched, pci_topology *topology) {
+    pc_context *context = scratch->context;
+    pci_scratch temporary = pci_scratch_begin(context);
     memset(topology, 0, sizeof(*topology));
-    return build_edges(scratch, mesh, topology) &&
-           build_vertex_triangles(scratch, mesh, topology) &&
-           build_rings(scratch, mesh->vertex_count, topology);
+    uint32_t *order = PCI_SCRATCH(&temporary, uint32_t, 3 * mesh->triangle_count);
+    size_t count = 0;
+    bool good = order != NULL && sort_half_edges(&temporary, mesh, watched, order, &count) &&
+                build_edges(scratch, mesh, order, count, topology) &&
+                (!watched || pci_keep_going(context));
+    scratch->failed |= temporary.failed;
+    pci_scratch_end(&temporary);
+    good = good && build_vertex_triangles(scratch, mesh, topology) &&
+           (!watched || pci_keep_going(context)) &&
+           build_rings(scratch, mesh->vertex_count, topology) &&
+           (!watched || pci_keep_going(context));
+    return good;
+}
+
+bool pci_topology_build(pci_scratch *scratch, const pc_mesh *mesh, pci_topology *topology) {
+    return build(scratch, mesh, false, topology);
+}
+
+bool pci_topology_build_watched(pci_scratch *scratch, const pc_mesh *mesh, pci_topology *topology) {
+    return build(scratch, mesh, true, topology);
 }
 
 size_t pci_triangle_components(pci_scratch *scratch, const pc_mesh *mesh,

@@ -20,6 +20,9 @@ typedef struct pci_topology {
 // Triangles with a repeated vertex contribute their proper edges only, each once. Linear in the
 // size of the mesh. False: out of memory.
 bool pci_topology_build(pci_scratch *scratch, const pc_mesh *mesh, pci_topology *topology);
+// For large meshes inside a stage: the same, but asks pci_keep_going. False: out of memory, or
+// cancelled; pci_fail_memory tells.
+bool pci_topology_build_watched(pci_scratch *scratch, const pc_mesh *mesh, pci_topology *topology);
 
 // Labels the connected components (shared edges) of triangles: component per triangle, #F. Returns
 // their number. Components are numbered by their first triangle.

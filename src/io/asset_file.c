@@ -475,6 +475,17 @@ pc_status pc_asset_save(pc_context *context, const pc_asset *asset, const char *
         return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, STAGE,
                         STAGE ": the asset cannot be saved: %s", problem);
     }
+    const pc_status checked = asset->stage_count > PC_STAGE_SIMULATE
+                                  ? pc_scenario_check(context, &asset->scenario)
+                                  : PC_OK;
+    if (checked == PC_ERROR_INVALID_OPTIONS) {
+        snprintf(problem, sizeof(problem), "%.255s", pc_context_error(context)->message);
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, STAGE,
+                        STAGE ": the asset cannot be saved: %s", problem);
+    }
+    if (checked != PC_OK) {
+        return checked;
+    }
     asset_file file = {.context = context, .path = path, .id = H5I_INVALID_HID};
     closed_image image = {NULL};
     silence_hdf5(&file);

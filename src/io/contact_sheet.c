@@ -2,7 +2,9 @@
 
 #include "core/core.h"
 #include "core/render.h"
+#include "core/topology.h"
 #include "io/lettering.h"
+#include "io/pictures.h"
 #include "io/png_image.h"
 #include "proxycloth/export.h"
 
@@ -11,7 +13,7 @@ static const char stage[] = "export";
 static const pc_field contact_sheet_fields[] = {
     PCI_FIELD_OPTION(pc_contact_sheet_options, tile_size, UINT, 360, 96, 2048, "px",
                      "Side of one picture of the contact sheet"),
-    PCI_FIELD_OPTION(pc_contact_sheet_options, skinned_frames, UINT, 5, 0, 64, "",
+    PCI_FIELD_OPTION(pc_contact_sheet_options, skinned_frames, UINT, 6, 0, 64, "",
                      "How many frames of the motion the contact sheet shows"),
 };
 const pc_record pc_contact_sheet_options_record =
@@ -19,9 +21,7 @@ const pc_record pc_contact_sheet_options_record =
 
 static const uint8_t name_color[3] = {38, 42, 48}, detail_color[3] = {128, 134, 142};
 
-#define AZIMUTH   0.44 // radians to the side of the front: a three-quarter view
-#define ELEVATION 0.21 // radians above the horizon
-#define FILL      0.94 // share of a tile's side that the larger extent takes
+static const char by_bone[] = "by bone, lighter where shared";
 
 // One stage's mesh and how it is shown.
 typedef struct exhibit {
@@ -29,6 +29,7 @@ typedef struct exhibit {
     const pc_mesh *mesh;
     pci_style style;
     pci_look look;
+    const char *detail; // NULL: numbers of vertices and triangles
 } exhibit;
 
 typedef struct sheet {
@@ -36,9 +37,10 @@ typedef struct sheet {
     const pc_asset *asset;
     size_t tile, margin, caption, title; // pixels
     size_t columns, rows;
+    size_t frame_rows; // of skinned frames, and of their stretch
     pci_image image;
     size_t exhibit_count;
-    exhibit exhibits[5];
+    exhibit exhibits[6];  // the last one with the colours of the weights
     uint32_t frame_count; // shown
 } sheet;
 
@@ -50,13 +52,17 @@ static void list_exhibits(sheet *s) {
         uint32_t stages;
         exhibit exhibit;
     } all[] = {
-        {0, {"visual", &a->visual.surface, PCI_STYLE_SURFACE, PCI_LOOK_SMOOTH}},
+        {0, {"visual", &a->visual.surface, PCI_STYLE_SURFACE, PCI_LOOK_SMOOTH, NULL}},
         {PC_STAGE_ISOSURFACE + 1,
-         {"iso-surface", &a->isosurface, PCI_STYLE_SURFACE, PCI_LOOK_SMOOTH}},
-        {PC_STAGE_PROJECT + 1, {"projected", &a->projected, PCI_STYLE_SURFACE, PCI_LOOK_SMOOTH}},
+         {"iso-surface", &a->isosurface, PCI_STYLE_SURFACE, PCI_LOOK_SMOOTH, NULL}},
+        {PC_STAGE_PROJECT + 1,
+         {"projected", &a->projected, PCI_STYLE_SURFACE, PCI_LOOK_SMOOTH, NULL}},
         {PC_STAGE_CARVE + 1,
-         {"single layer", &a->single_layer, PCI_STYLE_SURFACE, PCI_LOOK_SMOOTH}},
-        {PC_STAGE_SIMPLIFY + 1, {"proxy", &a->proxy, PCI_STYLE_SURFACE_AND_EDGES, PCI_LOOK_FLAT}},
+         {"single layer", &a->single_layer, PCI_STYLE_SURFACE, PCI_LOOK_SMOOTH, NULL}},
+        {PC_STAGE_SIMPLIFY + 1,
+         {"proxy", &a->proxy, PCI_STYLE_SURFACE_AND_EDGES, PCI_LOOK_FLAT, NULL}},
+        {PC_STAGE_SKIN + 1,
+         {"weights", &a->visual.surface, PCI_STYLE_SURFACE, PCI_LOOK_SMOOTH, by_bone}},
     };
     for (size_t i = 0; i < sizeof(all) / sizeof(all[0]); ++i) {
         if (a->stage_count >= all[i].stages && all[i].exhibit.mesh->triangle_count > 0) {
@@ -79,7 +85,8 @@ static void lay_out(sheet *s, const pc_contact_sheet_options *options) {
     s->caption = s->tile / 12;
     s->title = s->tile / 9;
     s->columns = s->exhibit_count;
-    s->rows = 2 + (s->frame_count + s->columns - 1) / s->columns;
+    s->frame_rows = (s->frame_count + s->columns - 1) / s->columns;
+    s->rows = 2 + 2 * s->frame_rows;
     s->image.width = s->margin + s->columns * (s->tile + s->margin);
     s->image.height = s->margin + s->title + s->rows * (s->tile + s->caption + s->margin);
 }
@@ -111,56 +118,14 @@ static void write_title(sheet *s) {
     const double left = (double)s->margin, baseline = left + 0.6 * (double)s->title;
     const double after =
         pci_draw_text(&s->image, left, baseline, height, name_color, s->asset->name);
-    const double x = (double)(s->image.width - s->margin) - pci_text_width(legend, small);
+    double x = (double)(s->image.width - s->margin) - pci_text_width(legend, small);
     if (x > after + height) {
         pci_draw_text(&s->image, x, baseline, small, detail_color, legend);
     }
-}
-
-// ---- camera -----------------------------------------------------------------------------------
-
-// Looks at the front or, turned by half a circle, at the back of the garment. y up: the front is
-// +z; z up: -y; x up: +z.
-static pci_camera make_camera(uint32_t up_axis, bool back) {
-    static const double ups[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
-    static const double fronts[3][3] = {{0, 0, 1}, {0, 0, 1}, {0, -1, 0}};
-    const double *up = ups[up_axis], *front = fronts[up_axis];
-    const double azimuth = AZIMUTH + (back ? acos(-1.0) : 0.0);
-    double side[3];
-    pci_camera camera = {.scale = 1.0};
-    pci_cross(up, front, side);
-    for (size_t k = 0; k < 3; ++k) {
-        camera.towards[k] = sin(ELEVATION) * up[k] +
-                            cos(ELEVATION) * (cos(azimuth) * front[k] + sin(azimuth) * side[k]);
+    x -= 2.0 * height + pci_draw_stretch_legend(NULL, 0.0, 0.0, small);
+    if (s->frame_count > 0 && x > after + height) {
+        pci_draw_stretch_legend(&s->image, x, baseline, small);
     }
-    pci_cross(up, camera.towards, camera.right);
-    pci_normalize(camera.right);
-    pci_cross(camera.towards, camera.right, camera.up);
-    return camera;
-}
-
-// Grows an extent (minimum and maximum along right and up) by the vertices that triangles use.
-static void extend(const pci_camera *camera, const pc_mesh *mesh, double extent[4]) {
-    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
-        const double *p = &mesh->positions[3 * (size_t)mesh->triangles[i]];
-        const double x = pci_dot(p, camera->right), y = pci_dot(p, camera->up);
-        extent[0] = fmin(extent[0], x), extent[1] = fmax(extent[1], x);
-        extent[2] = fmin(extent[2], y), extent[3] = fmax(extent[3], y);
-    }
-}
-
-static void aim(const sheet *s, pci_camera *camera, const double extent[4]) {
-    const double size = fmax(extent[1] - extent[0], extent[3] - extent[2]);
-    camera->centre[0] = 0.5 * (extent[0] + extent[1]);
-    camera->centre[1] = 0.5 * (extent[2] + extent[3]);
-    camera->scale = size > 0.0 ? FILL * (double)s->tile / size : 1.0;
-}
-
-static uint32_t up_axis_of(const pc_asset *asset) {
-    const pc_options defaults = pc_default_options();
-    const bool known = asset->stage_count > PC_STAGE_SIMULATE;
-    const uint32_t axis = known ? asset->options.simulate.up_axis : defaults.simulate.up_axis;
-    return axis < 3 ? axis : 1;
 }
 
 // ---- pictures ---------------------------------------------------------------------------------
@@ -170,38 +135,58 @@ static bool advance(sheet *s, size_t done) {
                         (double)done / (double)(s->exhibit_count + s->frame_count));
 }
 
+// One exhibit from the front and from the back.
+static bool draw_exhibit(sheet *s, size_t column, const pci_camera cameras[2]) {
+    const exhibit *e = &s->exhibits[column];
+    const bool weights = e->detail == by_bone;
+    pci_scratch scratch = pci_scratch_begin(s->context);
+    pci_model model, cage;
+    bool drawn = pci_model_build(s->context, &scratch, e->mesh, e->look, &model);
+    if (drawn && weights) {
+        const float *bone_colors = pci_bone_colors(&scratch, &s->asset->proxy);
+        float *colors = PCI_SCRATCH(&scratch, float, 3 * e->mesh->vertex_count);
+        drawn = bone_colors != NULL && colors != NULL &&
+                pci_model_build(s->context, &scratch, &s->asset->proxy, PCI_LOOK_UNLIT, &cage);
+        if (drawn) {
+            pci_weight_colors(&s->asset->skin, bone_colors, colors);
+            model.colors = colors;
+        }
+    }
+    for (size_t view = 0; view < 2 && drawn; ++view) {
+        const pci_tile tile = tile_at(s, view, column);
+        drawn = pci_draw(s->context, &scratch, &model, &cameras[view], e->style, tile, &s->image) &&
+                (!weights || pci_draw(s->context, &scratch, &cage, &cameras[view],
+                                      PCI_STYLE_EDGES_ON_TOP, tile, &s->image));
+    }
+    pci_scratch_end(&scratch);
+    return drawn;
+}
+
 // Front and back of every stage, all with one scale.
 static pc_status draw_exhibits(sheet *s) {
     pci_camera cameras[2];
     for (size_t view = 0; view < 2; ++view) {
         double extent[4] = {INFINITY, -INFINITY, INFINITY, -INFINITY};
-        cameras[view] = make_camera(up_axis_of(s->asset), view == 1);
+        cameras[view] =
+            pci_three_quarter_view(pci_up_axis_of(s->asset), view == 1 ? acos(-1.0) : 0.0);
         for (size_t i = 0; i < s->exhibit_count; ++i) {
-            extend(&cameras[view], s->exhibits[i].mesh, extent);
+            pci_extend_view(&cameras[view], s->exhibits[i].mesh, extent);
         }
-        aim(s, &cameras[view], extent);
+        pci_aim_camera(&cameras[view], extent, s->tile);
     }
     cameras[0].scale = cameras[1].scale = fmin(cameras[0].scale, cameras[1].scale);
     for (size_t i = 0; i < s->exhibit_count; ++i) {
         if (!advance(s, i)) {
             return pci_fail_cancelled(s->context, stage);
         }
-        const exhibit *e = &s->exhibits[i];
-        pci_scratch scratch = pci_scratch_begin(s->context);
-        pci_model model;
-        bool drawn = pci_model_build(s->context, &scratch, e->mesh, e->look, &model);
-        for (size_t view = 0; view < 2 && drawn; ++view) {
-            drawn = pci_draw(s->context, &scratch, &model, &cameras[view], e->style,
-                             tile_at(s, view, i), &s->image);
-        }
-        pci_scratch_end(&scratch);
-        if (!drawn) {
+        if (!draw_exhibit(s, i, cameras)) {
             return pci_fail_memory(s->context, stage);
         }
+        const exhibit *e = &s->exhibits[i];
         char detail[64];
         snprintf(detail, sizeof(detail), "%zu v  %zu f", e->mesh->vertex_count,
                  e->mesh->triangle_count);
-        write_caption(s, tile_at(s, 0, i), e->name, detail);
+        write_caption(s, tile_at(s, 0, i), e->name, e->detail != NULL ? e->detail : detail);
         write_caption(s, tile_at(s, 1, i), e->name, "back");
     }
     return PC_OK;
@@ -212,20 +197,55 @@ static size_t shown_frame(const sheet *s, size_t i) {
     return (i + 1) * s->asset->motion.frame_count / s->frame_count - 1;
 }
 
-static bool draw_frame(sheet *s, const pc_mesh *skinned, const pc_mesh *proxy,
-                       const pci_camera *camera, pci_tile tile) {
+// Mean over the area.
+static double mean_stretch(const pc_mesh *rest, const double *values) {
+    double sum = 0.0, total = 0.0;
+    for (size_t t = 0; t < rest->triangle_count; ++t) {
+        const double area = pci_triangle_area(rest, t);
+        for (size_t c = 0; c < 3; ++c) {
+            sum += area / 3.0 * values[rest->triangles[3 * t + c]];
+        }
+        total += area;
+    }
+    return total > 0.0 ? sum / total : 0.0;
+}
+
+// A frame with the proxy's edges, and the same coloured by stretch.
+static bool draw_frame(sheet *s, size_t i, const pc_mesh *skinned, const pc_mesh *proxy,
+                       const pci_camera *camera) {
+    const pc_asset *a = s->asset;
+    const size_t nv = skinned->vertex_count, frame = shown_frame(s, i);
+    const size_t row = 2 + i / s->columns, column = i % s->columns;
+    const pci_tile tile = tile_at(s, row, column), below = tile_at(s, row + s->frame_rows, column);
     pci_scratch scratch = pci_scratch_begin(s->context);
     pci_model garment, cage;
-    const bool drawn =
+    double *values = PCI_SCRATCH(&scratch, double, nv);
+    float *colors = PCI_SCRATCH(&scratch, float, 3 * nv);
+    bool drawn =
+        !scratch.failed &&
         pci_model_build(s->context, &scratch, skinned, PCI_LOOK_SMOOTH, &garment) &&
         pci_model_build(s->context, &scratch, proxy, PCI_LOOK_UNLIT, &cage) &&
         pci_draw(s->context, &scratch, &garment, camera, PCI_STYLE_SURFACE, tile, &s->image) &&
-        pci_draw(s->context, &scratch, &cage, camera, PCI_STYLE_EDGES_ON_TOP, tile, &s->image);
+        pci_draw(s->context, &scratch, &cage, camera, PCI_STYLE_EDGES_ON_TOP, tile, &s->image) &&
+        pci_stretch_colors(&scratch, &a->visual.surface, skinned->positions, values, colors);
+    if (drawn) {
+        garment.colors = colors;
+        drawn =
+            pci_draw(s->context, &scratch, &garment, camera, PCI_STYLE_SURFACE, below, &s->image);
+        char name[64], detail[64];
+        snprintf(name, sizeof(name), "skinned, frame %zu", frame + 1);
+        snprintf(detail, sizeof(detail), "%.2f s", a->motion.frame_time * (double)(frame + 1));
+        write_caption(s, tile, name, detail);
+        snprintf(name, sizeof(name), "stretch, frame %zu", frame + 1);
+        snprintf(detail, sizeof(detail), "mean %.1f %%",
+                 100.0 * mean_stretch(&a->visual.surface, values));
+        write_caption(s, below, name, detail);
+    }
     pci_scratch_end(&scratch);
     return drawn;
 }
 
-// The skinned visual mesh with the edges of the proxy, all frames with one camera.
+// The skinned visual mesh, all frames with one camera.
 static pc_status draw_frames(sheet *s) {
     const pc_asset *a = s->asset;
     const pc_mesh *surface = &a->visual.surface;
@@ -237,32 +257,22 @@ static pc_status draw_frames(sheet *s) {
         status = pci_fail_memory(s->context, stage);
         goto cleanup;
     }
-    pci_camera camera = make_camera(up_axis_of(a), false);
+    pci_camera camera = pci_three_quarter_view(pci_up_axis_of(a), 0.0);
     double extent[4] = {INFINITY, -INFINITY, INFINITY, -INFINITY};
     for (size_t pass = 0; pass < 2; ++pass) {
         for (size_t i = 0; i < s->frame_count && status == PC_OK; ++i) {
-            const size_t frame = shown_frame(s, i);
-            proxy.positions = &a->motion.positions[3 * frame * a->motion.vertex_count];
+            proxy.positions = &a->motion.positions[3 * shown_frame(s, i) * a->motion.vertex_count];
             pc_skin_deform(&a->skin, surface->positions, a->proxy.positions, proxy.positions,
                            skinned.positions);
             if (pass == 0) {
-                extend(&camera, &skinned, extent);
-                continue;
-            }
-            if (!advance(s, s->exhibit_count + i)) {
+                pci_extend_view(&camera, &skinned, extent);
+            } else if (!advance(s, s->exhibit_count + i)) {
                 status = pci_fail_cancelled(s->context, stage);
-                continue;
-            }
-            const pci_tile tile = tile_at(s, 2 + i / s->columns, i % s->columns);
-            if (!draw_frame(s, &skinned, &proxy, &camera, tile)) {
+            } else if (!draw_frame(s, i, &skinned, &proxy, &camera)) {
                 status = pci_fail_memory(s->context, stage);
             }
-            char name[64], detail[64];
-            snprintf(name, sizeof(name), "skinned, frame %zu", frame + 1);
-            snprintf(detail, sizeof(detail), "%.2f s", a->motion.frame_time * (double)(frame + 1));
-            write_caption(s, tile, name, detail);
         }
-        aim(s, &camera, extent);
+        pci_aim_camera(&camera, extent, s->tile);
     }
 
 cleanup:

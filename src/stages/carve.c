@@ -6,18 +6,26 @@
 #include "core/rim.h"
 #include "core/topology.h"
 #include "stages/border.h"
+#include "stages/loops.h"
 #include "stages/outline.h"
+#include "stages/visual_layer.h"
 
 static const char stage[] = "carve";
 
+static const char *const source_choices[] = {"auto", "labels", "visual", NULL};
 static const pc_field option_fields[] = {
+    PCI_FIELD_CHOICE(pc_carve_options, layer_source, PC_LAYER_AUTO, PC_LAYER_VISUAL, source_choices,
+                     "Single layer from the labels or from the visual mesh; auto: from the visual "
+                     "mesh where it is one clean sheet"),
     PCI_FIELD_OPTION(pc_carve_options, carve, BOOL, 0, 0, 1, "",
                      "Also cut what bridges two surfaces of the visual mesh (section 5.1)"),
     PCI_FIELD_OPTION(
         pc_carve_options, carve_distance, DOUBLE, 0.25, 0.05, 10.0, "voxels",
         "epsilon_carved: surface farther than this beside the visual mesh is cut away"),
-    PCI_FIELD_OPTION(pc_carve_options, smallest_part, DOUBLE, 0.05, 0.0, 1.0, "",
-                     "Parts below this share of the largest part's area are dropped"),
+    PCI_FIELD_OPTION(
+        pc_carve_options, smallest_part, DOUBLE, 0.05, 0.0, 1.0, "",
+        "Parts below this share of the largest part's area, and within 2 voxels of larger "
+        "ones, are dropped"),
     PCI_FIELD_OPTION(pc_carve_options, fill_loops, UINT, 12, 0, 1000, "edges",
                      "Boundary loops up to this length are filled"),
     PCI_FIELD_OPTION(pc_carve_options, snap_border, BOOL, 1, 0, 1, "",
@@ -26,6 +34,12 @@ static const pc_field option_fields[] = {
 const pc_record pc_carve_options_record = PCI_RECORD(option_fields, pc_carve_options);
 
 static const pc_field report_fields[] = {
+    {.name = "source",
+     .type = PC_FIELD_CHOICE,
+     .offset = offsetof(pc_carve_report, source),
+     .unit = "",
+     .help = "Where the single layer comes from",
+     .choices = source_choices},
     PCI_FIELD_REPORT(pc_carve_report, vertices, COUNT, "", "Vertices of the single layer"),
     PCI_FIELD_REPORT(pc_carve_report, triangles, COUNT, "", "Triangles of the single layer"),
     PCI_FIELD_REPORT(pc_carve_report, components, COUNT, "", "Connected parts"),
@@ -40,114 +54,17 @@ static const pc_field report_fields[] = {
 };
 const pc_record pc_carve_report_record = PCI_RECORD(report_fields, pc_carve_report);
 
+// The labels of a folded sheet may miss so much of it.
+static const double least_coverage = 0.99;
 // What the visual mesh covers is within this many voxels of the layer.
 static const double covered_voxels = 2.0;
+// Small parts farther than this from the others are loose parts of the garment, not crumbs.
+static const double loose_voxels = 2.0;
 // Radius of the ball that tells rims from surfaces, in voxels: narrower than openings of note.
 static const double rim_radius = 0.5;
 static const double rim_spacing = 0.25; // in voxels
 // Pieces of parallel loops.
 enum { grain = 256 };
-
-// A loop that bounds a part from outside is no hole: filling it would close the part to a pillow.
-// The part must have this many times the area of a disc with the loop's circumference.
-static const double hole_area_ratio = 2.0;
-
-static bool loop_is_hole(const pc_mesh *mesh, const uint32_t *loop, size_t length, double area) {
-    double perimeter = 0.0;
-    for (size_t i = 0; i < length; ++i) {
-        perimeter +=
-            sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)loop[i]],
-                                      &mesh->positions[3 * (size_t)loop[(i + 1) % length]]));
-    }
-    const double pi = 3.14159265358979323846;
-    return area > hole_area_ratio * perimeter * perimeter / (4.0 * pi);
-}
-
-// Area of the part that each vertex belongs to.
-static bool vertex_part_areas(pci_scratch *scratch, const pc_mesh *mesh,
-                              const pci_topology *topology, double **vertex_areas) {
-    uint32_t *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
-    *vertex_areas = PCI_SCRATCH(scratch, double, mesh->vertex_count);
-    if (scratch->failed) {
-        return false;
-    }
-    const size_t count = pci_triangle_components(scratch, mesh, topology, component);
-    double *areas = PCI_SCRATCH(scratch, double, count);
-    if (areas == NULL) {
-        return false;
-    }
-    for (size_t t = 0; t < mesh->triangle_count; ++t) {
-        areas[component[t]] += pci_triangle_area(mesh, t);
-    }
-    for (size_t c = 0; c < 3 * mesh->triangle_count; ++c) {
-        (*vertex_areas)[mesh->triangles[c]] = areas[component[c / 3]];
-    }
-    return true;
-}
-
-// Closes short loops with a fan around their mean, or with one triangle.
-static bool fill_loops(pci_scratch *scratch, pc_mesh *mesh, size_t longest, uint64_t *filled) {
-    pci_topology topology;
-    size_t loop_count = 0, *offsets = NULL;
-    uint32_t *loops = NULL;
-    double *areas = NULL;
-    if (!pci_topology_build(scratch, mesh, &topology) ||
-        !pci_boundary_loops(scratch, mesh, &topology, &loop_count, &offsets, &loops) ||
-        !vertex_part_areas(scratch, mesh, &topology, &areas)) {
-        return false;
-    }
-    uint8_t *hole = PCI_SCRATCH(scratch, uint8_t, loop_count);
-    if (hole == NULL) {
-        return false;
-    }
-    size_t vertices = mesh->vertex_count, triangles = mesh->triangle_count;
-    for (size_t i = 0; i < loop_count; ++i) {
-        const size_t length = offsets[i + 1] - offsets[i];
-        const uint32_t *loop = &loops[offsets[i]];
-        if (length >= 3 && length <= longest && loop_is_hole(mesh, loop, length, areas[loop[0]])) {
-            hole[i] = 1;
-            ++*filled;
-            vertices += length > 3;
-            triangles += length > 3 ? length : 1;
-        }
-    }
-    if (*filled == 0) {
-        return true;
-    }
-    pc_context *context = scratch->context;
-    pc_mesh out = {vertices, PCI_ALLOCATE(context, double, 3 * vertices), triangles,
-                   PCI_ALLOCATE(context, uint32_t, 3 * triangles)};
-    if (out.positions == NULL || out.triangles == NULL) {
-        pc_mesh_free(context, &out);
-        return false;
-    }
-    memcpy(out.positions, mesh->positions, 3 * mesh->vertex_count * sizeof(double));
-    memcpy(out.triangles, mesh->triangles, 3 * mesh->triangle_count * sizeof(uint32_t));
-    uint32_t center = (uint32_t)mesh->vertex_count;
-    uint32_t *write = &out.triangles[3 * mesh->triangle_count];
-    for (size_t i = 0; i < loop_count; ++i) {
-        const size_t length = offsets[i + 1] - offsets[i];
-        const uint32_t *loop = &loops[offsets[i]];
-        if (!hole[i]) {
-            continue;
-        }
-        if (length == 3) {
-            *write++ = loop[0], *write++ = loop[2], *write++ = loop[1];
-            continue;
-        }
-        for (size_t j = 0; j < length; ++j) {
-            *write++ = loop[(j + 1) % length], *write++ = loop[j], *write++ = center;
-            for (size_t k = 0; k < 3; ++k) {
-                out.positions[3 * (size_t)center + k] +=
-                    mesh->positions[3 * (size_t)loop[j] + k] / (double)length;
-            }
-        }
-        ++center;
-    }
-    pc_mesh_free(context, mesh);
-    *mesh = out;
-    return true;
-}
 
 // ---- report -----------------------------------------------------------------------------------
 
@@ -235,7 +152,8 @@ static pc_status no_proxy(pc_context *context, const char *reason) {
 
 // The triangles whose labels say so, as a manifold without small parts and short holes.
 static pc_status extract(pci_scratch *scratch, const pc_mesh *projected, const uint8_t *labels,
-                         const pc_carve_options *options, pc_mesh *layer, pc_carve_report *report) {
+                         double cell_size, const pc_carve_options *options, pc_mesh *layer,
+                         pc_carve_report *report) {
     pc_context *context = scratch->context;
     uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, projected->triangle_count);
     if (keep == NULL) {
@@ -247,9 +165,13 @@ static pc_status extract(pci_scratch *scratch, const pc_mesh *projected, const u
             (labels[corner[0]] != 0) + (labels[corner[1]] != 0) + (labels[corner[2]] != 0) >= 2;
     }
     pci_repair_counts counts;
-    if (!pci_mesh_repair(scratch, projected, keep, layer, &counts) ||
-        !pci_drop_small_parts(scratch, layer, options->smallest_part, &report->dropped_parts)) {
+    if (!pci_mesh_repair(scratch, projected, keep, layer, &counts)) {
         return pci_fail_memory(context, stage);
+    }
+    const pc_status status = pci_drop_small_parts(scratch, stage, layer, options->smallest_part,
+                                                  loose_voxels * cell_size, &report->dropped_parts);
+    if (status != PC_OK) {
+        return status;
     }
     if (layer->triangle_count == 0) {
         return no_proxy(context, "the labels keep none");
@@ -257,7 +179,7 @@ static pc_status extract(pci_scratch *scratch, const pc_mesh *projected, const u
     if (!pci_progress(context, stage, 0.3)) {
         return pci_fail_cancelled(context, stage);
     }
-    return fill_loops(scratch, layer, options->fill_loops, &report->filled_loops)
+    return pci_fill_loops(scratch, layer, options->fill_loops, INFINITY, &report->filled_loops)
                ? PC_OK
                : pci_fail_memory(context, stage);
 }
@@ -278,23 +200,96 @@ static pc_status find_rims(pci_scratch *scratch, const pc_mesh *surface, const p
 static pc_status cut(pci_scratch *scratch, const pci_bvh *visual, const pci_knn *rims,
                      double cell_size, const pc_carve_options *options, pc_mesh *layer,
                      pc_carve_report *report) {
-    const pc_status status = pci_cut_outline(
-        scratch, stage, visual, rims, options->carve ? PCI_OUTLINE_ALL : PCI_OUTLINE_MEMBRANES,
-        options->carve_distance * cell_size, cell_size, layer, &report->carved_regions,
-        &report->carved_triangles);
+    pc_status status = pci_cut_outline(scratch, stage, visual, rims,
+                                       options->carve ? PCI_OUTLINE_ALL : PCI_OUTLINE_MEMBRANES,
+                                       options->carve_distance * cell_size, cell_size, layer,
+                                       &report->carved_regions, &report->carved_triangles);
     if (status != PC_OK) {
         return status;
     }
-    uint64_t dropped = 0;
-    if (!pci_drop_small_parts(scratch, layer, options->smallest_part, &dropped)) {
-        return pci_fail_memory(scratch->context, stage);
+    status = pci_drop_small_parts(scratch, stage, layer, options->smallest_part,
+                                  loose_voxels * cell_size, &report->dropped_parts);
+    if (status != PC_OK) {
+        return status;
     }
-    report->dropped_parts += dropped;
     if (layer->triangle_count == 0) {
         return no_proxy(scratch->context, "carve_distance is too small");
     }
     return pci_progress(scratch->context, stage, 0.8) ? PC_OK
                                                       : pci_fail_cancelled(scratch->context, stage);
+}
+
+// The labelled side of the projected mesh, cut along the outline.
+static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *surface,
+                                const pc_mesh *projected, const uint8_t *labels, double cell_size,
+                                const pc_carve_options *options, pc_mesh *layer,
+                                pc_carve_report *report) {
+    pci_knn rims = {0};
+    pci_bvh *visual = NULL;
+    pc_status status = pci_bvh_create(scratch->context, stage, surface, &visual);
+    if (status == PC_OK) {
+        status = extract(scratch, projected, labels, cell_size, options, layer, report);
+    }
+    if (status == PC_OK && options->snap_border) {
+        status = pci_snap_border(scratch->context, stage, surface, visual, cell_size, layer);
+    }
+    if (status == PC_OK) {
+        status = find_rims(scratch, surface, visual, cell_size, &rims);
+    }
+    if (status == PC_OK) {
+        status = cut(scratch, visual, &rims, cell_size, options, layer, report);
+    }
+    pci_bvh_destroy(scratch->context, visual);
+    report->source = PC_LAYER_LABELS;
+    return status == PC_OK ? measure(scratch, surface, layer, cell_size, report) : status;
+}
+
+static pc_status take_visual(pci_scratch *scratch, const pc_mesh *surface, double cell_size,
+                             pc_mesh *visual, uint64_t filled, pc_mesh *layer,
+                             pc_carve_report *report) {
+    pc_context *context = scratch->context;
+    pc_mesh_free(context, layer);
+    *layer = *visual;
+    *visual = (pc_mesh){0};
+    *report = (pc_carve_report){.source = PC_LAYER_VISUAL, .filled_loops = filled};
+    return layer->triangle_count > 0 ? measure(scratch, surface, layer, cell_size, report)
+                                     : no_proxy(context, "the visual mesh has none of use");
+}
+
+static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface,
+                              const pc_mesh *projected, const uint8_t *labels, double cell_size,
+                              const pc_carve_options *options, pc_mesh *layer,
+                              pc_carve_report *report) {
+    const bool always = options->layer_source == PC_LAYER_VISUAL;
+    pci_layering layering = PCI_LAYERED;
+    uint64_t filled = 0;
+    pc_mesh visual = {0};
+    pc_status status = PC_OK;
+    if (options->layer_source != PC_LAYER_LABELS) {
+        status = pci_visual_layer(scratch, stage, surface, cell_size, always, &visual, &layering,
+                                  &filled);
+    }
+    if (status == PC_OK && !pci_progress(scratch->context, stage, 0.2)) {
+        status = pci_fail_cancelled(scratch->context, stage);
+    }
+    if (status == PC_OK && (always || layering == PCI_PLAIN)) {
+        return take_visual(scratch, surface, cell_size, &visual, filled, layer, report);
+    }
+    if (status == PC_OK) {
+        status =
+            labelled_layer(scratch, surface, projected, labels, cell_size, options, layer, report);
+    }
+    if (status == PC_OK && layering == PCI_FOLDED) {
+        pc_carve_report other = {0};
+        status = measure(scratch, surface, &visual, cell_size, &other);
+        if (status == PC_OK &&
+            (other.components != report->components ||
+             other.boundary_loops != report->boundary_loops || report->coverage < least_coverage)) {
+            return take_visual(scratch, surface, cell_size, &visual, filled, layer, report);
+        }
+    }
+    pc_mesh_free(scratch->context, &visual);
+    return status;
 }
 
 pc_status pc_carve(pc_context *context, const pc_mesh *surface, const pc_mesh *projected,
@@ -313,25 +308,8 @@ pc_status pc_carve(pc_context *context, const pc_mesh *surface, const pc_mesh *p
     pci_scratch scratch = pci_scratch_begin(context);
     pc_carve_report counts = {0};
     pc_mesh layer = {0};
-    pci_knn rims = {0};
-    pci_bvh *visual = NULL;
-    status = pci_bvh_create(context, stage, surface, &visual);
-    if (status == PC_OK) {
-        status = extract(&scratch, projected, labels->labels, &chosen, &layer, &counts);
-    }
-    if (status == PC_OK) {
-        status = find_rims(&scratch, surface, visual, cell_size, &rims);
-    }
-    if (status == PC_OK) {
-        status = cut(&scratch, visual, &rims, cell_size, &chosen, &layer, &counts);
-    }
-    if (status == PC_OK && chosen.snap_border) {
-        status = pci_snap_border(context, stage, surface, visual, cell_size, &layer);
-    }
-    if (status == PC_OK) {
-        status = measure(&scratch, surface, &layer, cell_size, &counts);
-    }
-    pci_bvh_destroy(context, visual);
+    status = choose_layer(&scratch, surface, projected, labels->labels, cell_size, &chosen, &layer,
+                          &counts);
     pci_scratch_end(&scratch);
     if (status != PC_OK) {
         pc_mesh_free(context, &layer);

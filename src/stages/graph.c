@@ -1,7 +1,5 @@
 #include "proxycloth/graph.h"
 
-#include <stdlib.h>
-
 #include "core/bvh.h"
 #include "core/topology.h"
 
@@ -316,22 +314,105 @@ static void find_opposites(void *user, size_t begin, size_t end, uint32_t worker
     }
 }
 
-// Turns what each vertex found into sorted pairs without duplicates; returns their number.
-static size_t collect_pairs(const work *w, uint64_t *pairs) {
-    size_t count = 0, kept = 0;
-    for (size_t i = 0; i < 3 * w->mesh->vertex_count; ++i) {
-        const uint64_t v = i / 3, other = w->found[i];
-        if (w->found[i] != PC_INVALID_INDEX) {
-            pairs[count++] = v < other ? v << 32 | other : other << 32 | v;
+// The pairs that the vertices found, by their smaller vertex.
+typedef struct pair_lists {
+    size_t *ends;       // #V, end of each vertex's list
+    uint32_t *partners; // the larger vertices, ascending; invalid: the same as the one before
+    size_t count;       // of distinct pairs
+} pair_lists;
+
+static bool next_pair(const work *w, size_t *i, uint32_t *first, uint32_t *second) {
+    for (; *i < 3 * w->mesh->vertex_count; ++*i) {
+        const uint32_t vertex = (uint32_t)(*i / 3), other = w->found[*i];
+        if (other != PC_INVALID_INDEX) {
+            *first = vertex < other ? vertex : other;
+            *second = vertex < other ? other : vertex;
+            ++*i;
+            return true;
         }
     }
-    qsort(pairs, count, sizeof(*pairs), pci_compare_u64);
+    return false;
+}
+
+static void sort_partners(uint32_t *partners, size_t count, size_t *distinct) {
+    for (size_t i = 1; i < count; ++i) {
+        const uint32_t partner = partners[i];
+        size_t at = i;
+        for (; at > 0 && partners[at - 1] > partner; --at) {
+            partners[at] = partners[at - 1];
+        }
+        partners[at] = partner;
+    }
+    uint32_t last = PC_INVALID_INDEX;
     for (size_t i = 0; i < count; ++i) {
-        if (i == 0 || pairs[i] != pairs[i - 1]) {
-            pairs[kept++] = pairs[i];
+        if (partners[i] == last) {
+            partners[i] = PC_INVALID_INDEX;
+        } else {
+            last = partners[i];
+            ++*distinct;
         }
     }
-    return kept;
+}
+
+static bool list_pairs(const work *w, pci_scratch *scratch, pair_lists *lists) {
+    const size_t nv = w->mesh->vertex_count;
+    uint32_t first = 0, second = 0;
+    lists->ends = PCI_SCRATCH(scratch, size_t, nv + 1);
+    lists->partners = PCI_SCRATCH(scratch, uint32_t, 3 * nv);
+    if (scratch->failed) {
+        return false;
+    }
+    // Counts, starts, and with every partner that arrives a start comes nearer to the list's end.
+    for (size_t i = 0; next_pair(w, &i, &first, &second);) {
+        ++lists->ends[first + 1];
+    }
+    for (size_t v = 0; v < nv; ++v) {
+        lists->ends[v + 1] += lists->ends[v];
+    }
+    for (size_t i = 0; next_pair(w, &i, &first, &second);) {
+        lists->partners[lists->ends[first]++] = second;
+    }
+    for (size_t v = 0, begin = 0; v < nv; begin = lists->ends[v++]) {
+        sort_partners(&lists->partners[begin], lists->ends[v] - begin, &lists->count);
+    }
+    return pci_keep_going(scratch->context);
+}
+
+// Opposite edges and their signs, from what the vertices found.
+static pc_status write_opposites(pc_context *context, pci_scratch *scratch, const work *w,
+                                 pc_graph *graph, pc_graph_report *report) {
+    const size_t nv = w->mesh->vertex_count;
+    pair_lists lists = {0};
+    uint8_t *paired = PCI_SCRATCH(scratch, uint8_t, nv);
+    if (paired == NULL || !list_pairs(w, scratch, &lists)) {
+        return pci_fail_memory(context, stage);
+    }
+    graph->opposites = PCI_ALLOCATE(context, uint32_t, 2 * lists.count);
+    graph->opposite_signs = PCI_ALLOCATE(context, int8_t, lists.count);
+    if (graph->opposites == NULL || graph->opposite_signs == NULL) {
+        return pci_fail_memory(context, stage);
+    }
+    size_t paired_count = 0, o = 0;
+    for (size_t v = 0, i = 0; v < nv; ++v) {
+        for (; i < lists.ends[v]; ++i) {
+            const uint32_t other = lists.partners[i];
+            if (other == PC_INVALID_INDEX) {
+                continue;
+            }
+            const double a = graph->outer_distances[v], b = graph->outer_distances[other];
+            graph->opposites[2 * o] = (uint32_t)v, graph->opposites[2 * o + 1] = other;
+            graph->opposite_signs[o++] = (int8_t)((a > b) - (a < b));
+            report->biased_edges += a != b; // infinite against infinite compares equal
+            paired[v] = paired[other] = 1;
+        }
+    }
+    graph->opposite_count = o;
+    for (size_t v = 0; v < nv; ++v) {
+        paired_count += paired[v];
+    }
+    report->opposite_edges = o;
+    report->opposite_fraction = (double)paired_count / (double)nv;
+    return PC_OK;
 }
 
 // ---- stage --------------------------------------------------------------------------------------
@@ -341,9 +422,8 @@ static pc_status build(pc_context *context, pci_scratch *scratch, work *w, pc_gr
     const size_t nv = w->mesh->vertex_count;
     pci_topology topology;
     double *normals = PCI_SCRATCH(scratch, double, 3 * nv);
-    uint64_t *pairs = PCI_SCRATCH(scratch, uint64_t, 3 * nv);
     w->found = PCI_SCRATCH(scratch, uint32_t, 3 * nv);
-    if (scratch->failed || !pci_topology_build(scratch, w->mesh, &topology)) {
+    if (scratch->failed || !pci_topology_build_watched(scratch, w->mesh, &topology)) {
         return pci_fail_memory(context, stage);
     }
     graph->vertex_count = nv;
@@ -374,34 +454,13 @@ static pc_status build(pc_context *context, pci_scratch *scratch, work *w, pc_gr
     if (!pci_parallel_while_wanted(context, nv, GRAIN, find_opposites, w)) {
         return pci_fail_cancelled(context, stage);
     }
-    graph->opposite_count = collect_pairs(w, pairs);
-    graph->opposites = PCI_ALLOCATE(context, uint32_t, 2 * graph->opposite_count);
-    graph->opposite_signs = PCI_ALLOCATE(context, int8_t, graph->opposite_count);
-    uint8_t *paired = PCI_SCRATCH(scratch, uint8_t, nv);
-    if (graph->opposites == NULL || graph->opposite_signs == NULL || paired == NULL) {
-        return pci_fail_memory(context, stage);
-    }
-    size_t biased = 0, paired_count = 0;
-    for (size_t o = 0; o < graph->opposite_count; ++o) {
-        const uint32_t first = (uint32_t)(pairs[o] >> 32), second = (uint32_t)pairs[o];
-        const double a = graph->outer_distances[first], b = graph->outer_distances[second];
-        graph->opposites[2 * o] = first, graph->opposites[2 * o + 1] = second;
-        graph->opposite_signs[o] = (int8_t)((a > b) - (a < b));
-        biased += a != b; // infinite against infinite compares equal
-        paired[first] = paired[second] = 1;
-    }
-    for (size_t v = 0; v < nv; ++v) {
-        paired_count += paired[v];
-    }
-    const pc_graph_report result = {.edges = topology.edge_count,
-                                    .opposite_edges = graph->opposite_count,
-                                    .biased_edges = biased,
-                                    .opposite_fraction = (double)paired_count / (double)nv,
-                                    .max_curvature = largest * w->cell_size};
-    if (report != NULL) {
+    pc_graph_report result = {.edges = topology.edge_count,
+                              .max_curvature = largest * w->cell_size};
+    const pc_status status = write_opposites(context, scratch, w, graph, &result);
+    if (status == PC_OK && report != NULL) {
         *report = result;
     }
-    return PC_OK;
+    return status;
 }
 
 pc_status pc_build_graph(pc_context *context, const pc_mesh *projected, double cell_size,

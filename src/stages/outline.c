@@ -17,12 +17,21 @@ static const double least_reach = 1.2;
 // A membrane is framed by rims in so many of the sectors around its centre; a web between a sleeve
 // and the body may have the cuff on one side.
 enum { sectors = 12, least_framed = 9 };
+// The iso-surface closes openings up to two voxels wide; no part of a membrane is farther from the
+// rim than so many voxels.
+static const double widest = 3.0;
+// The second pass looks so far around what the first one found, in voxels.
+static const double beyond = 0.5;
+// The distance where nobody asks: no triangle is refined for it.
+static const double out_of_focus = -1e30;
 // Membranes that are tested for holding the layer together.
 enum { most_tests = 64 };
 static const double pi = 3.14159265358979323846;
 
 typedef struct outline {
     const pci_bvh *visual;
+    const pci_knn *focus; // distances are measured within `reach` of these points; NULL: everywhere
+    double reach;
     pci_halfedge mesh;
     double *normals;   // #V by 3
     double *distances; // #V, beside the visual mesh, along the surface
@@ -31,9 +40,16 @@ typedef struct outline {
 
 // How far the nearest point of the visual mesh lies beside a point of the layer: the distance
 // without its share along the normal.
-static double distance_beside(const pci_bvh *visual, const double point[3],
-                              const double normal[3]) {
-    const pci_closest closest = pci_bvh_closest(visual, point, INFINITY);
+static double distance_beside(const outline *o, const double point[3], const double normal[3]) {
+    if (o->focus != NULL) {
+        uint32_t nearest;
+        double square;
+        if (pci_knn_query(o->focus, point, 1, PC_INVALID_INDEX, &nearest, &square) == 0 ||
+            square > o->reach * o->reach) {
+            return out_of_focus;
+        }
+    }
+    const pci_closest closest = pci_bvh_closest(o->visual, point, INFINITY);
     double away[3];
     pci_sub(closest.point, point, away);
     const double height = pci_dot(away, normal);
@@ -44,7 +60,7 @@ static void measure_outline(void *user, size_t begin, size_t end, uint32_t worke
     (void)worker;
     outline *o = user;
     for (size_t v = begin; v < end; ++v) {
-        o->distances[v] = distance_beside(o->visual, &o->mesh.positions[3 * v], &o->normals[3 * v]);
+        o->distances[v] = distance_beside(o, &o->mesh.positions[3 * v], &o->normals[3 * v]);
     }
 }
 
@@ -70,7 +86,7 @@ static bool split_measured(outline *o, uint32_t h, double share, const double *k
     o->distances = distances;
     memcpy(&o->normals[3 * (size_t)v], normal, sizeof(normal));
     o->distances[v] =
-        known_distance != NULL ? *known_distance : distance_beside(o->visual, position, normal);
+        known_distance != NULL ? *known_distance : distance_beside(o, position, normal);
     return true;
 }
 
@@ -122,7 +138,7 @@ static bool refine_outline(outline *o, double threshold, double shortest) {
                 return false;
             }
             const double longest = edge_length(mesh, longest_edge(mesh, t));
-            double nearest = INFINITY, farthest = 0.0;
+            double nearest = INFINITY, farthest = -INFINITY;
             for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
                 nearest = fmin(nearest, o->distances[pci_origin(mesh, h)]);
                 farthest = fmax(farthest, o->distances[pci_origin(mesh, h)]);
@@ -341,64 +357,100 @@ static bool choose_triangles(const outline *o, const uint32_t *roots, const regi
     return true;
 }
 
-// Removes what lies beside. Without such regions the layer stays as it is.
-static bool remove_regions(outline *o, const pci_knn *rims, pci_outline_mode mode, double threshold,
-                           double slack, pc_mesh *layer, uint64_t *removed_regions,
-                           uint64_t *removed_triangles) {
-    const pci_halfedge *mesh = &o->mesh;
-    pci_scratch *scratch = mesh->scratch;
-    uint32_t *roots = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
-    region *regions = PCI_SCRATCH(scratch, region, mesh->triangle_count);
-    uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, mesh->triangle_count);
+// What a pass works with.
+typedef struct cutting {
+    const pci_bvh *visual;
+    const pci_knn *rims;
+    pci_outline_mode mode;
+    double threshold, cell_size;
+    uint32_t *roots; // #F of the refined layer
+    uint8_t *keep;
+} cutting;
+
+// Refines the layer along the isoline, where points of `focus` are within `reach` (NULL:
+// everywhere), and decides what to keep.
+static bool find_regions(const cutting *given, const pci_knn *focus, double reach,
+                         pci_scratch *scratch, const pc_mesh *layer, outline *o, cutting *c) {
+    // Finer than an eighth of a voxel there is nothing to see, and a layer that runs near the
+    // threshold everywhere would be refined everywhere.
+    const double shortest = fmax(0.5 * given->threshold, 0.125 * given->cell_size);
+    *c = *given;
+    *o = (outline){.visual = c->visual, .focus = focus, .reach = reach};
+    o->normals = PCI_SCRATCH(scratch, double, 3 * layer->vertex_count);
+    o->distances = PCI_SCRATCH(scratch, double, layer->vertex_count);
+    if (scratch->failed || !pci_halfedge_build(scratch, layer, &o->mesh)) {
+        return false;
+    }
+    o->normal_capacity = o->distance_capacity = layer->vertex_count;
+    pci_vertex_normals(layer, o->normals);
+    pci_parallel_for(scratch->context, layer->vertex_count, grain, measure_outline, o);
+    if (!refine_outline(o, c->threshold, shortest) || !split_isoline(o, c->threshold)) {
+        return false;
+    }
+    const size_t triangles = o->mesh.triangle_count;
     pci_knn border;
-    if (scratch->failed || !join_regions(o, threshold, roots) || !find_border(mesh, &border)) {
+    c->roots = PCI_SCRATCH(scratch, uint32_t, triangles);
+    c->keep = PCI_SCRATCH(scratch, uint8_t, triangles);
+    region *regions = PCI_SCRATCH(scratch, region, triangles);
+    if (scratch->failed || !join_regions(o, c->threshold, c->roots) ||
+        !find_border(&o->mesh, &border)) {
         return false;
     }
-    measure_extent(o, roots, regions);
-    measure_frame(o, rims, &border, slack, roots, regions);
-    if (!choose_triangles(o, roots, regions, mode, threshold, keep)) {
-        return false;
+    measure_extent(o, c->roots, regions);
+    measure_frame(o, c->rims, &border, sag * c->cell_size, c->roots, regions);
+    return choose_triangles(o, c->roots, regions, c->mode, c->threshold, c->keep);
+}
+
+// The corners of what is not kept. Returns their number.
+static size_t removed_corners(const outline *o, const cutting *c, double *points) {
+    size_t count = 0;
+    for (size_t i = 0; i < 3 * o->mesh.triangle_count; ++i) {
+        if (!c->keep[i / 3]) {
+            memcpy(&points[3 * count++], &o->mesh.positions[3 * (size_t)o->mesh.corners[i]],
+                   3 * sizeof(double));
+        }
     }
-    uint64_t removed = 0;
-    for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
-        *removed_regions += !keep[t] && roots[t] == t;
-        removed += !keep[t];
-    }
-    if (removed == 0) {
-        return true;
-    }
-    *removed_triangles += removed;
-    const pc_mesh cut = {mesh->vertex_count, mesh->positions, mesh->triangle_count, mesh->corners};
-    pci_repair_counts counts;
-    pc_mesh kept = {0};
-    if (!pci_mesh_repair(scratch, &cut, keep, &kept, &counts)) {
-        return false;
-    }
-    pc_mesh_free(scratch->context, layer);
-    *layer = kept;
-    return true;
+    return count;
 }
 
 pc_status pci_cut_outline(pci_scratch *scratch, const char *stage, const pci_bvh *visual,
                           const pci_knn *rims, pci_outline_mode mode, double threshold,
                           double cell_size, pc_mesh *layer, uint64_t *removed_regions,
                           uint64_t *removed_triangles) {
-    // Finer than an eighth of a voxel there is nothing to see, and a layer that runs near the
-    // threshold everywhere would be refined everywhere.
-    const double shortest = fmax(0.5 * threshold, 0.125 * cell_size);
-    outline o = {.visual = visual};
-    o.normals = PCI_SCRATCH(scratch, double, 3 * layer->vertex_count);
-    o.distances = PCI_SCRATCH(scratch, double, layer->vertex_count);
-    if (scratch->failed || !pci_halfedge_build(scratch, layer, &o.mesh)) {
-        return pci_fail_memory(scratch->context, stage);
+    pc_context *context = scratch->context;
+    const cutting given = {visual, rims, mode, threshold, cell_size, NULL, NULL};
+    const bool membranes = mode == PCI_OUTLINE_MEMBRANES;
+    cutting c;
+    outline o;
+    // The first pass finds the regions, the second refines near those that go and cuts.
+    if (!find_regions(&given, membranes ? rims : NULL, widest * cell_size, scratch, layer, &o,
+                      &c)) {
+        return pci_fail_memory(context, stage);
     }
-    o.normal_capacity = o.distance_capacity = layer->vertex_count;
-    pci_vertex_normals(layer, o.normals);
-    pci_parallel_for(scratch->context, layer->vertex_count, grain, measure_outline, &o);
-    if (!refine_outline(&o, threshold, shortest) || !split_isoline(&o, threshold) ||
-        !remove_regions(&o, rims, mode, threshold, sag * cell_size, layer, removed_regions,
-                        removed_triangles)) {
-        return pci_fail_memory(scratch->context, stage);
+    pci_knn removed;
+    double *points = PCI_SCRATCH(scratch, double, 9 * o.mesh.triangle_count);
+    if (points == NULL ||
+        !pci_knn_build(scratch, removed_corners(&o, &c, points), points, &removed)) {
+        return pci_fail_memory(context, stage);
     }
+    if (removed.point_count == 0) {
+        return PC_OK;
+    }
+    if (!find_regions(&given, &removed, beyond * cell_size, scratch, layer, &o, &c)) {
+        return pci_fail_memory(context, stage);
+    }
+    for (uint32_t t = 0; t < o.mesh.triangle_count; ++t) {
+        *removed_regions += !c.keep[t] && c.roots[t] == t;
+        *removed_triangles += !c.keep[t];
+    }
+    const pc_mesh cut = {o.mesh.vertex_count, o.mesh.positions, o.mesh.triangle_count,
+                         o.mesh.corners};
+    pci_repair_counts counts;
+    pc_mesh kept = {0};
+    if (!pci_mesh_repair(scratch, &cut, c.keep, &kept, &counts)) {
+        return pci_fail_memory(context, stage);
+    }
+    pc_mesh_free(context, layer);
+    *layer = kept;
     return PC_OK;
 }

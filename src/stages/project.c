@@ -231,8 +231,9 @@ static void choose_direction(void *user, size_t begin, size_t end, uint32_t work
 }
 
 // Lowers |(I + lambda L^T L) v - p| to INNER_TOLERANCE of what it is. The matrix has a condition
-// number of about 1 + 4 lambda, so that a few iterations do; each one lowers the energy.
-static void conjugate_gradients(gradients *g) {
+// number of about 1 + 4 lambda, so that a few iterations do; each one lowers the energy. False:
+// cancelled.
+static bool conjugate_gradients(gradients *g) {
     problem *p = g->p;
     pci_parallel_for(p->context, p->count, GRAIN, apply_transposed, p);
     for (size_t i = 0; i < 3 * p->count; ++i) {
@@ -245,6 +246,9 @@ static void conjugate_gradients(gradients *g) {
     const double goal = INNER_TOLERANCE * INNER_TOLERANCE * square;
     p->x = g->direction;
     for (int k = 0; k < INNER_ITERATIONS && square > goal; ++k) {
+        if (!pci_keep_going(p->context)) {
+            return false;
+        }
         pci_parallel_for(p->context, p->count, GRAIN, choose_direction, g);
         pci_parallel_for(p->context, p->count, GRAIN, apply_laplacian, p);
         pci_parallel_for(p->context, p->count, GRAIN, apply_transposed, p);
@@ -254,6 +258,7 @@ static void conjugate_gradients(gradients *g) {
         g->correction = next / square;
         square = next;
     }
+    return true;
 }
 
 // ---- fixed nearest points: Cholesky -------------------------------------------------------------
@@ -333,8 +338,8 @@ static pc_status run_alternation(problem *p, pci_scratch *scratch, uint32_t iter
     for (uint32_t t = 0; t < iterations && !converged && status == PC_OK; ++t) {
         if (direct) {
             status = pci_cholesky_solve(p->context, cholesky, 3, p->nearest, p->v);
-        } else {
-            conjugate_gradients(&g);
+        } else if (!conjugate_gradients(&g)) {
+            status = pci_fail_cancelled(p->context, stage);
         }
         const double previous = report->energy_after;
         if (status == PC_OK) {
@@ -367,7 +372,8 @@ static pc_status run(problem *p, pci_scratch *scratch, const pc_mesh *isosurface
     projected->positions = PCI_ALLOCATE(p->context, double, 3 * p->count);
     projected->triangles = PCI_ALLOCATE(p->context, uint32_t, 3 * projected->triangle_count);
     if (scratch->failed || projected->positions == NULL || projected->triangles == NULL ||
-        !pci_topology_build(scratch, isosurface, &topology)) {
+        !pci_keep_going(p->context) ||
+        !pci_topology_build_watched(scratch, isosurface, &topology)) {
         return pci_fail_memory(p->context, stage);
     }
     memcpy(projected->positions, isosurface->positions, 3 * p->count * sizeof(double));

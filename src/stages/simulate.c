@@ -213,6 +213,12 @@ static bool fill_cloth(run *r, pci_scratch *scratch) {
     cloth->gravity[options->up_axis] = -options->gravity;
     cloth->iterations = options->solver_iterations;
     cloth->strain_limit = options->strain_limit;
+    // What a fall from the garment's height and the wind give.
+    double wind = r->inputs->scenario->wind_count != 0 ? 0.0 : options->wind_speed;
+    for (size_t i = 0; i < r->inputs->scenario->wind_count; ++i) {
+        wind = fmax(wind, pci_norm(r->inputs->scenario->winds[i].velocity));
+    }
+    cloth->free_speed = sqrt(2.0 * fabs(options->gravity) * pci_diagonal(&r->rest)) + wind + 1.0;
     cloth->dynamics = (pci_dynamics)options->dynamics;
     // XPBD needs substeps in the place of sweeps.
     const uint32_t usual = cloth->dynamics == PCI_DYNAMICS_XPBD ? options->solver_iterations : 1;

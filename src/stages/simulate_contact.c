@@ -14,6 +14,8 @@ static const double leaving_speed = 1.0;
 // Cloth that rests deeper in the body than this share of an edge is tucked in and stays so: pushing
 // it out would strain the edges next to it by more than a few percent (half the share squared).
 static const double tuck_share = 0.25;
+// Contacts give way where they stretch an edge by more than this many strain limits.
+static const double caught_strain = 2.0;
 // Second joints with less than this share of the weight do not carry the surface.
 static const double least_share = 0.2;
 
@@ -21,6 +23,7 @@ static const double least_share = 0.2;
 typedef struct sample {
     uint32_t a, b;
     double distance; // to keep from the body; negative: tucked in
+    double rest;     // length of the edge; 0 for a vertex
 } sample;
 
 typedef struct contact {
@@ -60,7 +63,8 @@ struct pci_contacts {
     sample *samples;
     size_t contact_count, contact_capacity;
     contact *contacts;
-    double *pushes; // #V, how far a vertex was pushed in this substep
+    uint8_t *caught; // #V, between colliders: an edge is stretched too far
+    double *pushes;  // #V, how far a vertex was pushed in this substep
 };
 
 // ---- set-up
@@ -243,7 +247,8 @@ static pc_status make_primitive(pc_context *context, const pc_simulate_inputs *i
 }
 
 // Vertices and the middles of edges.
-static bool make_samples(pci_scratch *scratch, const pc_mesh *proxy, pci_contacts *contacts) {
+static bool make_samples(pci_scratch *scratch, const pc_mesh *proxy, double scale,
+                         pci_contacts *contacts) {
     pci_topology topology;
     if (!pci_topology_build(scratch, proxy, &topology)) {
         return false;
@@ -251,6 +256,7 @@ static bool make_samples(pci_scratch *scratch, const pc_mesh *proxy, pci_contact
     contacts->sample_count = proxy->vertex_count + topology.edge_count;
     contacts->samples = PCI_SCRATCH(scratch, sample, contacts->sample_count);
     contacts->pushes = PCI_SCRATCH(scratch, double, proxy->vertex_count);
+    contacts->caught = PCI_SCRATCH(scratch, uint8_t, proxy->vertex_count);
     contacts->contact_capacity = 4 * contacts->sample_count;
     contacts->contacts = PCI_SCRATCH(scratch, contact, contacts->contact_capacity);
     if (scratch->failed) {
@@ -261,6 +267,10 @@ static bool make_samples(pci_scratch *scratch, const pc_mesh *proxy, pci_contact
         const size_t e = vertex ? 0 : i - proxy->vertex_count;
         contacts->samples[i].a = vertex ? (uint32_t)i : topology.edges[2 * e];
         contacts->samples[i].b = vertex ? (uint32_t)i : topology.edges[2 * e + 1];
+        contacts->samples[i].rest =
+            scale *
+            sqrt(pci_squared_distance(&proxy->positions[3 * (size_t)contacts->samples[i].a],
+                                      &proxy->positions[3 * (size_t)contacts->samples[i].b]));
     }
     return true;
 }
@@ -270,9 +280,7 @@ static void tuck_samples(pci_contacts *contacts, const pc_mesh *proxy, double sc
     double length = 0.0;
     size_t edges = 0;
     for (size_t i = proxy->vertex_count; i < contacts->sample_count; ++i, ++edges) {
-        const sample *at = &contacts->samples[i];
-        length += scale * sqrt(pci_squared_distance(&proxy->positions[3 * (size_t)at->a],
-                                                    &proxy->positions[3 * (size_t)at->b]));
+        length += contacts->samples[i].rest;
     }
     const double deepest = edges != 0 ? tuck_share * length / (double)edges : 0.0;
     for (size_t i = 0; i < contacts->sample_count; ++i) {
@@ -302,7 +310,7 @@ pc_status pci_contacts_create(pci_scratch *scratch, const pc_simulate_inputs *in
     const size_t joints = inputs->character != NULL ? inputs->character->joint_count : 0;
     pci_map *maps = PCI_SCRATCH(scratch, pci_map, 5 * (joints + 1));
     primitive *primitives = PCI_SCRATCH(scratch, primitive, scenario->collider_count);
-    if (scratch->failed || !make_samples(scratch, inputs->proxy, contacts)) {
+    if (scratch->failed || !make_samples(scratch, inputs->proxy, scale, contacts)) {
         return pci_fail_memory(scratch->context, stage);
     }
     contacts->distance = distance;
@@ -471,7 +479,8 @@ static void find_near(pci_contacts *contacts, const pci_cloth *cloth, double rea
     for (size_t s = 0; s < contacts->sample_count; ++s) {
         const sample *at = &contacts->samples[s];
         const size_t a = 3 * (size_t)at->a, b = 3 * (size_t)at->b;
-        if (!(cloth->inverse_mass[at->a] + cloth->inverse_mass[at->b] > 0.0)) {
+        if (!(cloth->inverse_mass[at->a] + cloth->inverse_mass[at->b] > 0.0) ||
+            contacts->caught[at->a] || contacts->caught[at->b]) {
             continue;
         }
         double point[3], start[3], normal[3], shift[3], distance;
@@ -497,7 +506,23 @@ static void find_near(pci_contacts *contacts, const pci_cloth *cloth, double rea
     }
 }
 
+// Cloth that hangs on both sides of a limb, or between two, is stretched by the contacts beyond all
+// measure: its vertices pass until they are free again.
+static void find_caught(pci_contacts *contacts, const pci_cloth *cloth) {
+    const double longest = 1.0 + caught_strain * cloth->strain_limit;
+    memset(contacts->caught, 0, cloth->vertex_count);
+    for (size_t s = cloth->vertex_count; s < contacts->sample_count; ++s) {
+        const sample *at = &contacts->samples[s];
+        const double squared = pci_squared_distance(&cloth->previous[3 * (size_t)at->a],
+                                                    &cloth->previous[3 * (size_t)at->b]);
+        if (squared > longest * longest * at->rest * at->rest) {
+            contacts->caught[at->a] = contacts->caught[at->b] = 1;
+        }
+    }
+}
+
 void pci_contacts_find(pci_contacts *contacts, const pci_cloth *cloth) {
+    find_caught(contacts, cloth);
     memset(contacts->pushes, 0, cloth->vertex_count * sizeof(double));
     find_near(contacts, cloth, 2.0);
 }

@@ -47,6 +47,7 @@ typedef struct pci_cloth {
     double area_density; // kg/m^2; 0: the wind force is not limited
     double gravity[3];   // m/s^2
     double strain_limit; // 0: none
+    double free_speed;   // m/s, that corrections may always give; 0: any
     uint32_t iterations; // sweeps per substep
     pci_dynamics dynamics;
     uint32_t substeps; // of the next step, at least 1
@@ -60,7 +61,7 @@ typedef struct pci_cloth {
 // One step of `time_step` under a uniform wind in m/s. With `saved`, substeps adapt to the strain.
 void pci_cloth_step(pci_cloth *cloth, const double wind[3]);
 
-enum { PCI_MOST_SUBSTEPS = 64 };
+enum { PCI_MOST_SUBSTEPS = 32 };
 
 // Stiffness of one sweep so that `sweeps` sweeps give k in total.
 double pci_sweep_stiffness(double k, uint32_t sweeps);

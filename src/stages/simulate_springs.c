@@ -185,6 +185,35 @@ static void predict(pci_cloth *cloth, double dt, double kept, double share) {
     }
 }
 
+// The largest squared speed of the vertices after the prediction.
+static double fastest(const pci_cloth *cloth, double dt) {
+    double squared = cloth->free_speed * cloth->free_speed;
+    for (size_t v = 0; v < cloth->vertex_count; ++v) {
+        squared =
+            fmax(squared, pci_squared_distance(&cloth->positions[3 * v], &cloth->previous[3 * v]) /
+                              (dt * dt));
+    }
+    return squared;
+}
+
+// Speeds from the way that was made. Corrections may pull back a vertex far at once, but none shall
+// fly faster than the fastest that was driven.
+static void update_velocities(pci_cloth *cloth, double dt, double limit) {
+    for (size_t v = 0; v < cloth->vertex_count; ++v) {
+        double *velocity = &cloth->velocities[3 * v];
+        for (size_t k = 0; k < 3; ++k) {
+            velocity[k] = (cloth->positions[3 * v + k] - cloth->previous[3 * v + k]) / dt;
+        }
+        const double squared = pci_dot(velocity, velocity);
+        if (cloth->free_speed > 0.0 && squared > limit) {
+            const double scale = sqrt(limit / squared);
+            for (size_t k = 0; k < 3; ++k) {
+                velocity[k] *= scale;
+            }
+        }
+    }
+}
+
 static void run_substep(pci_cloth *cloth, const double wind[3], uint32_t index) {
     const uint32_t n = cloth->substeps;
     const double dt = cloth->time_step / (double)n;
@@ -193,6 +222,7 @@ static void run_substep(pci_cloth *cloth, const double wind[3], uint32_t index) 
     accumulate_wind(cloth, wind, dt);
     // From here to the target in the n - index substeps that are left.
     predict(cloth, dt, kept, 1.0 / (double)(n - index));
+    const double limit = fastest(cloth, dt);
     if (cloth->contacts != NULL) {
         pci_contacts_place(cloth->contacts, (double)index / (double)n,
                            (double)(index + 1) / (double)n);
@@ -213,9 +243,7 @@ static void run_substep(pci_cloth *cloth, const double wind[3], uint32_t index) 
     if (cloth->contacts != NULL) {
         pci_contacts_finish(cloth->contacts, cloth);
     }
-    for (size_t k = 0; k < 3 * cloth->vertex_count; ++k) {
-        cloth->velocities[k] = (cloth->positions[k] - cloth->previous[k]) / dt;
-    }
+    update_velocities(cloth, dt, limit);
 }
 
 static void run_substeps(pci_cloth *cloth, const double wind[3]) {
@@ -233,9 +261,9 @@ void pci_cloth_step(pci_cloth *cloth, const double wind[3]) {
     }
     memcpy(cloth->saved, cloth->positions, numbers * sizeof(double));
     memcpy(cloth->saved + numbers, cloth->velocities, numbers * sizeof(double));
-    // After a second of calm, fewer substeps are tried again.
+    // After half a second of calm, fewer substeps are tried again.
     if (cloth->substeps >= 2 * cloth->least_substeps &&
-        (double)cloth->calm_steps * cloth->time_step > 1.0) {
+        (double)cloth->calm_steps * cloth->time_step > 0.5) {
         cloth->substeps /= 2;
         cloth->calm_steps = 0;
     }

@@ -159,7 +159,7 @@ expect 2 "no option --write-pl; did you mean --write-lp" label cloth.h5 --write-
 expect 4 "cloth.obj/x.lp" label cloth.h5 --write-lp cloth.obj/x.lp
 cp cloth.h5 unlabelled.h5
 "$alter_asset" unlabelled unlabelled.h5 2>stderr || fail "alter_asset unlabelled"
-expect 1 "unlabelled.h5.*no triangle is left" carve unlabelled.h5
+expect 1 "unlabelled.h5.*no triangle is left" carve unlabelled.h5 --layer-source labels
 
 # Limits of the import child: time, and memory (or the crash that follows).
 awk 'BEGIN {

@@ -109,6 +109,28 @@ for list in 24,24 24, ,24 24,x 24,3 24,25,26,27,28,29,30,31,32,33,34,35,36,37,38
 done
 run 2 voxelize outfit.obj -o refused.h5 --vertices 24,60
 
+# Garments of one file apart: the skirt, then the scarf; a button stays with what is nearest.
+awk '{ print } END {
+    print "o button"; n = 24 * 9 + 5 * 13
+    print "v 0 0.5 0.45"; print "v 0.01 0.5 0.45"; print "v 0 0.51 0.45"
+    printf "f %d %d %d\n", n + 1, n + 2, n + 3
+}' outfit.obj >button.obj
+run 0 build button.obj -o parts $quick --parts separate --no-png
+holds parts "button.part1.glb button.part1.h5 button.part1.json button.part1.proxy.obj \
+button.part2.glb button.part2.h5 button.part2.json button.part2.proxy.obj"
+run 0 info parts/button.part1.h5
+grep -Eq '^  visual_triangles +385$' stdout || fail "the button is not with the skirt"
+run 0 info parts/button.part2.h5
+grep -Eq '^  visual_triangles +96$' stdout || fail "the scarf is not alone"
+[ "$(cat parts/*.proxy.obj | grep -c '^v ')" -eq 60 ] || fail "the vertices are not shared"
+run 0 build outfit.obj -o parts2 $quick --parts separate --vertices 24,60 --no-png
+[ "$(cat parts2/outfit.part?.lod24.proxy.obj | grep -c '^v ')" -eq 24 ] || fail "lod24 of parts"
+[ "$(cat parts2/outfit.part?.lod60.proxy.obj | grep -c '^v ')" -eq 60 ] || fail "lod60 of parts"
+run 0 build outfit.obj -o whole $quick --parts separate --mesh skirt --no-png
+holds whole "outfit.glb outfit.h5 outfit.json outfit.proxy.obj"
+run 2 build outfit.obj -o refused --parts apart
+run 2 voxelize outfit.obj -o refused.h5 --parts separate
+
 # A density map: vertex colors of an OBJ, red in the lower half of the skirt.
 awk '/^v / { print $0, ($3 < 0.6 ? 1 : 0), 0, 0; next } { print }' outfit.obj >painted.obj
 run 0 build painted.obj -o painted $quick --density-channel red --no-png --threads 1
@@ -134,6 +156,10 @@ run 0 info a/b/out/outfit.glb
 grep -q ' bones' stdout || fail "no skin in the GLB"
 run 0 evaluate outfit.obj a/b/out/outfit.proxy.obj
 run 0 evaluate skinned.h5 skinned.h5
+
+# The strip on request.
+run 0 export skinned.h5 -o strip --strip --no-png
+holds strip "outfit.glb outfit.json outfit.proxy.obj outfit.strip.png"
 
 # Weights in another wind: the asset's, the same out of its GLB, and those without optimisation; the
 # same on any number of threads.

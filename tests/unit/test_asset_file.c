@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include "support/asset_fixture.h"
+#include "support/character_fixture.h"
 #include "support/files.h"
 #include "support/lack_of_memory.h"
 #include "support/memory.h"
@@ -166,6 +167,76 @@ static void bytes_are_reproducible(void **state) {
         pc_context_destroy(context);
         assert_same_file(path, other_path);
     }
+}
+
+// What the garment's file holds besides it, and what the proxy went through.
+static void scenario_and_character_survive(void **state) {
+    (void)state;
+    static const char text[] =
+        "{\"winds\": [{\"time\": 0.1, \"velocity\": [0.3, 0, 1e-17]}], \"pins\": [{\"mesh\": "
+        "\"Cape*\"}], \"attachment\": {\"clip\": \"turn\"}, \"colliders\": [{\"shape\": "
+        "\"body\"}]}";
+    pc_context *context = test_context(1);
+    pc_asset a, b = {0};
+    fixture_asset(context, 4, &a);
+    const double center[3] = {0.0, 1.0, 0.0};
+    fixture_character(context, center, 0.2, 1, &a.character);
+    pc_simulate_options options = pc_default_options().simulate;
+    assert_ok(context,
+              pc_scenario_parse(context, text, strlen(text), "text", &options, &a.scenario));
+    const size_t corners = a.visual.corner_count, triangles = a.visual.surface.triangle_count;
+    a.visual.part_count = 1;
+    a.visual.part_names = fixture_copy(context, (char[64]){"Cape_Mesh"}, 64);
+    a.visual.triangle_parts = PCI_ALLOCATE(context, uint32_t, triangles);
+    a.visual.joints = PCI_ALLOCATE(context, uint32_t, 4 * corners);
+    a.visual.joint_weights = PCI_ALLOCATE(context, float, 4 * corners);
+    for (size_t c = 0; c < corners; ++c) {
+        a.visual.joints[4 * c + 1] = 1;
+        a.visual.joint_weights[4 * c + 1] = 1.0F;
+    }
+    assert_ok(context, pc_asset_save(context, &a, path));
+    assert_ok(context, pc_asset_load(context, path, &b));
+    assert_ok(context, pc_asset_save(context, &b, other_path));
+    assert_same_file(path, other_path);
+
+    const pc_character *c = &a.character, *d = &b.character;
+    assert_int_equal(d->joint_count, 2);
+    assert_memory_equal(c->joint_names, d->joint_names, 128);
+    assert_memory_equal(c->joint_centers, d->joint_centers, 48);
+    assert_int_equal(d->clip_count, 1);
+    assert_string_equal(d->clip_names, "turn");
+    assert_memory_equal(c->clip_poses, d->clip_poses, 8);
+    assert_memory_equal(c->clip_rates, d->clip_rates, 8);
+    assert_int_equal(d->pose_count, FIXTURE_POSES);
+    assert_memory_equal(c->poses, d->poses, 48 * 2 * FIXTURE_POSES);
+    assert_same_mesh(&c->body, &d->body);
+    assert_string_equal(d->body_part_names, "Ball_Mesh");
+    assert_memory_equal(c->body_joints, d->body_joints, 16 * c->body.vertex_count);
+    assert_memory_equal(c->body_weights, d->body_weights, 16 * c->body.vertex_count);
+    assert_string_equal(b.visual.part_names, "Cape_Mesh");
+    assert_memory_equal(a.visual.joints, b.visual.joints, 16 * corners);
+    assert_memory_equal(a.visual.joint_weights, b.visual.joint_weights, 16 * corners);
+    assert_int_equal(b.scenario.wind_count, 1);
+    assert_memory_equal(a.scenario.winds, b.scenario.winds, sizeof(pc_wind_key));
+    assert_memory_equal(a.scenario.pins, b.scenario.pins, sizeof(pc_pin));
+    assert_memory_equal(a.scenario.colliders, b.scenario.colliders, sizeof(pc_collider));
+    assert_string_equal(b.scenario.attachment.clip, "turn");
+
+    // What would not load is not saved.
+    a.character.clip_poses[1] = FIXTURE_POSES + 1;
+    assert_int_equal(pc_asset_save(context, &a, path), PC_ERROR_INVALID_ARGUMENT);
+    a.character.clip_poses[1] = FIXTURE_POSES;
+    a.character.body_joints[5] = 2;
+    assert_int_equal(pc_asset_save(context, &a, path), PC_ERROR_INVALID_ARGUMENT);
+    a.character.body_joints[5] = 0;
+    memset(a.visual.part_names, 'x', 64);
+    assert_int_equal(pc_asset_save(context, &a, path), PC_ERROR_INVALID_ARGUMENT);
+    memset(a.visual.part_names, 0, 64);
+    a.scenario.colliders[0].kind = (pc_collider_kind)9;
+    assert_int_equal(pc_asset_save(context, &a, path), PC_ERROR_INVALID_ARGUMENT);
+    pc_asset_free(context, &a);
+    pc_asset_free(context, &b);
+    pc_context_destroy(context);
 }
 
 static void optional_and_empty_arrays_survive(void **state) {
@@ -699,6 +770,7 @@ int main(void) {
         cmocka_unit_test(every_field_survives),
         cmocka_unit_test(bytes_are_reproducible),
         cmocka_unit_test(optional_and_empty_arrays_survive),
+        cmocka_unit_test(scenario_and_character_survive),
         cmocka_unit_test(large_arrays_survive),
         cmocka_unit_test(other_files_are_refused),
         cmocka_unit_test(changed_files_are_refused),

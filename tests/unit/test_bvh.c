@@ -2,6 +2,8 @@
 
 #include <stdlib.h>
 
+#include "core/clock.h"
+#include "core/topology.h"
 #include "support/test.h"
 
 // A soup of random triangles in a cube of side `size` around `offset`: large and small ones,
@@ -483,6 +485,66 @@ static void lack_of_memory_is_reported(void **state) {
     pc_context_destroy(context);
 }
 
+static bool count_and_refuse(void *user, const char *stage, double fraction) {
+    assert_string_equal(stage, "running");
+    assert_close(fraction, 0.0, 0.0);
+    ++*(int *)user;
+    return false;
+}
+
+// A context inside the stage "running", whose user refuses and has not been asked for a while.
+static pc_context *impatient_context(int *calls) {
+    static const pc_field no_fields[1];
+    static const pc_record no_options = {.fields = no_fields};
+    const pc_context_options options = {.threads = 2, .progress = count_and_refuse, .user = calls};
+    pc_context *context = NULL;
+    int nothing = 0;
+    assert_int_equal(pc_context_create(&options, &context), PC_OK);
+    assert_ok(context, pci_begin_stage(context, "running", &no_options, &nothing, &nothing));
+    for (const double start = pci_clock_seconds(); pci_clock_seconds() < start + 0.11;) {
+    }
+    return context;
+}
+
+// The user can cancel while the tree is built, but is not asked on behalf of another stage.
+static void building_can_be_cancelled(void **state) {
+    (void)state;
+    pc_context *owner = test_context(1);
+    pc_mesh mesh = random_soup(owner, 40000, 3, 1.0, 0.0);
+    int calls = 0;
+    pc_context *context = impatient_context(&calls);
+    pci_bvh *bvh = NULL;
+    assert_ok(context, pci_bvh_create(context, "other", &mesh, &bvh));
+    pci_bvh_destroy(context, bvh);
+    assert_int_equal(calls, 0);
+    assert_int_equal(pci_bvh_create(context, "running", &mesh, &bvh), PC_ERROR_CANCELLED);
+    assert_int_equal(calls, 1);
+    assert_null(bvh);
+    pc_context_destroy(context);
+    pc_mesh_free(owner, &mesh);
+    pc_context_destroy(owner);
+}
+
+static void watched_topology_can_be_cancelled(void **state) {
+    (void)state;
+    pc_context *owner = test_context(1);
+    pc_mesh mesh = random_soup(owner, 1000, 3, 1.0, 0.0);
+    int calls = 0;
+    pc_context *context = impatient_context(&calls);
+    pci_scratch scratch = pci_scratch_begin(context);
+    pci_topology topology;
+    assert_true(pci_topology_build(&scratch, &mesh, &topology));
+    assert_int_equal(calls, 0);
+    assert_false(pci_topology_build_watched(&scratch, &mesh, &topology));
+    assert_int_equal(calls, 1);
+    assert_false(scratch.failed);
+    assert_int_equal(pci_fail_memory(context, "running"), PC_ERROR_CANCELLED);
+    pci_scratch_end(&scratch);
+    pc_context_destroy(context);
+    pc_mesh_free(owner, &mesh);
+    pc_context_destroy(owner);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(triangle_distance_knows_its_regions),
@@ -495,6 +557,8 @@ int main(void) {
         cmocka_unit_test(queries_do_not_depend_on_threads),
         cmocka_unit_test(degenerate_meshes_work),
         cmocka_unit_test(lack_of_memory_is_reported),
+        cmocka_unit_test(building_can_be_cancelled),
+        cmocka_unit_test(watched_topology_can_be_cancelled),
     };
     return cmocka_run_group_tests_name("bvh", tests, NULL, NULL);
 }

@@ -23,6 +23,13 @@ static pc_labels make_labels(pc_context *context, size_t count, uint8_t value) {
     return labels;
 }
 
+static pc_carve_options labels_only(void) {
+    pc_carve_options options;
+    pc_record_set_defaults(&pc_carve_options_record, &options);
+    options.layer_source = PC_LAYER_LABELS;
+    return options;
+}
+
 static double mesh_area(const pc_mesh *mesh) {
     double area = 0.0;
     for (size_t t = 0; t < mesh->triangle_count; ++t) {
@@ -81,8 +88,7 @@ static void fills_short_holes_only(void **state) {
     for (size_t i = 0; i < 7; ++i) {
         labels.labels[fan[i]] = 0;
     }
-    pc_carve_options options;
-    pc_record_set_defaults(&pc_carve_options_record, &options);
+    pc_carve_options options = labels_only();
     pc_carve_report report = {0};
     options.fill_loops = 0;
     assert_ok(context, pc_carve(context, &tube, &tube, &labels, 0.5, &options, &layer, &report));
@@ -111,36 +117,33 @@ static void fills_short_holes_only(void **state) {
     pc_context_destroy(context);
 }
 
+// A crumb beside the sheet is dropped, a part far from it is not.
 static void drops_small_parts(void **state) {
     (void)state;
     pc_context *context = test_context(1);
     pc_mesh big = test_sheet(context, 10, 10, 1.0, 1.0),
             small = test_sheet(context, 4, 4, 0.2, 0.2);
-    const double offset[3] = {3.0, 0.0, 0.0};
-    pc_mesh both = test_union(context, &big, &small, offset), layer = {0};
-    pc_labels labels = make_labels(context, both.vertex_count, 1);
-    pc_carve_options options;
-    pc_record_set_defaults(&pc_carve_options_record, &options);
-    pc_carve_report report = {0};
-    assert_ok(context, pc_carve(context, &big, &both, &labels, 0.1, &options, &layer, &report));
-    check_layer(context, &layer, &report);
-    assert_int_equal(report.components, 1);
-    assert_int_equal(report.dropped_parts, 1);
-    pc_mesh_free(context, &layer);
-    options.smallest_part = 0.03;
-    assert_ok(context, pc_carve(context, &big, &both, &labels, 0.1, &options, &layer, &report));
-    check_layer(context, &layer, &report);
-    assert_int_equal(report.components, 2);
-    assert_int_equal(report.dropped_parts, 0);
-    pc_mesh_free(context, &layer);
-    pc_labels_free(context, &labels);
-    pc_mesh_free(context, &both);
+    const double near[3] = {1.05, 0.0, 0.0}, far[3] = {3.0, 0.0, 0.0};
+    for (size_t i = 0; i < 3; ++i) {
+        pc_mesh both = test_union(context, &big, &small, i == 2 ? far : near), layer = {0};
+        pc_labels labels = make_labels(context, both.vertex_count, 1);
+        pc_carve_options options = labels_only();
+        pc_carve_report report = {0};
+        options.smallest_part = i == 1 ? 0.03 : 0.05;
+        assert_ok(context,
+                  pc_carve(context, &both, &both, &labels, 0.2, &options, &layer, &report));
+        check_layer(context, &layer, &report);
+        assert_int_equal(report.components, i == 0 ? 1 : 2);
+        assert_int_equal(report.dropped_parts, i == 0 ? 1 : 0);
+        pc_mesh_free(context, &layer);
+        pc_labels_free(context, &labels);
+        pc_mesh_free(context, &both);
+    }
     pc_mesh_free(context, &big);
     pc_mesh_free(context, &small);
     pc_context_destroy(context);
 }
 
-// Labels without any sense must still give a manifold, or the error that nothing is left.
 static void survives_random_labels(void **state) {
     (void)state;
     pc_context *context = test_context(2);
@@ -153,8 +156,7 @@ static void survives_random_labels(void **state) {
         for (size_t v = 0; v < ball.vertex_count; ++v) {
             labels.labels[v] = pci_random(seed, 2, v) < share;
         }
-        pc_carve_options options;
-        pc_record_set_defaults(&pc_carve_options_record, &options);
+        pc_carve_options options = labels_only();
         options.smallest_part = pci_random(seed, 3, 0) < 0.5 ? 0.0 : 0.05;
         options.fill_loops = seed % 3 == 0 ? 1000 : 12;
         options.carve = seed % 5 == 0;
@@ -193,8 +195,7 @@ static void carves_the_gap_between_sheets(void **state) {
         bridged.positions[3 * v + 2] = 0.02; // a little above: no distance along the surface
     }
     pc_labels labels = make_labels(context, bridged.vertex_count, 1);
-    pc_carve_options options;
-    pc_record_set_defaults(&pc_carve_options_record, &options);
+    pc_carve_options options = labels_only();
     options.snap_border = false; // its hems are not where carving ends
     pc_carve_report report = {0};
     assert_ok(context,
@@ -242,7 +243,9 @@ static void opens_narrow_tubes(void **state) {
         }
         pc_labels labels = make_labels(context, rod.vertex_count, 1);
         pc_carve_report report = {0};
-        assert_ok(context, pc_carve(context, &visual, &rod, &labels, 1.0, NULL, &layer, &report));
+        pc_carve_options options = labels_only();
+        assert_ok(context,
+                  pc_carve(context, &visual, &rod, &labels, 1.0, &options, &layer, &report));
         check_layer(context, &layer, &report);
         assert_int_equal(report.carved_regions, 2);
         assert_int_equal(report.components, 1);
@@ -274,14 +277,13 @@ static void keeps_webs(void **state) {
     }
     pc_labels labels = make_labels(context, skin.vertex_count, 1);
     pc_carve_report report = {0};
-    assert_ok(context, pc_carve(context, &visual, &skin, &labels, 1.0, NULL, &layer, &report));
+    pc_carve_options options = labels_only();
+    assert_ok(context, pc_carve(context, &visual, &skin, &labels, 1.0, &options, &layer, &report));
     check_layer(context, &layer, &report);
     assert_int_equal(report.carved_regions, 0);
     assert_int_equal(layer.triangle_count, skin.triangle_count);
     pc_mesh_free(context, &layer);
 
-    pc_carve_options options;
-    pc_record_set_defaults(&pc_carve_options_record, &options);
     options.carve = true;
     assert_ok(context, pc_carve(context, &visual, &skin, &labels, 1.0, &options, &layer, &report));
     check_layer(context, &layer, &report);
@@ -305,8 +307,7 @@ static void refines_triangles_without_area(void **state) {
         squeezed.positions[3 * v + 1] *= squeezed.positions[3 * v] > 0.8 ? 0.0 : 1.0;
     }
     pc_labels labels = make_labels(context, squeezed.vertex_count, 1);
-    pc_carve_options options;
-    pc_record_set_defaults(&pc_carve_options_record, &options);
+    pc_carve_options options = labels_only();
     options.carve = true;
     options.carve_distance = pc_record_find(&pc_carve_options_record, "carve_distance")->minimum;
     pc_carve_report report = {0};
@@ -322,6 +323,64 @@ static void refines_triangles_without_area(void **state) {
     pc_context_destroy(context);
 }
 
+// A sheet, a tube and two sheets far apart are clean; a lining and a pillow are not.
+static void takes_clean_sheets_as_they_are(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    const double cell = 0.1;
+    const double lining[3] = {0.0, 0.0, 0.05}, far[3] = {0.0, 0.0, 0.5};
+    pc_mesh sheet = test_sheet(context, 20, 20, 2.0, 2.0),
+            tube = test_tube(context, 24, 12, 1.0, 2.0);
+    pc_mesh lined = test_union(context, &sheet, &sheet, lining);
+    pc_mesh apart = test_union(context, &sheet, &sheet, far);
+    pc_mesh pillow = test_sphere(context, 8);
+    const struct {
+        const pc_mesh *visual;
+        uint32_t source;
+    } cases[] = {{&sheet, PC_LAYER_VISUAL},
+                 {&tube, PC_LAYER_VISUAL},
+                 {&lined, PC_LAYER_LABELS},
+                 {&apart, PC_LAYER_VISUAL},
+                 {&pillow, PC_LAYER_LABELS}};
+    for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); ++i) {
+        const pc_mesh *visual = cases[i].visual;
+        pc_labels labels = make_labels(context, visual->vertex_count, 1);
+        pc_mesh layer = {0};
+        pc_carve_report report = {0};
+        assert_ok(context, pc_carve(context, visual, visual, &labels, cell, NULL, &layer, &report));
+        check_layer(context, &layer, &report);
+        assert_int_equal(report.source, cases[i].source);
+        if (report.source == PC_LAYER_VISUAL) {
+            assert_int_equal(layer.triangle_count, visual->triangle_count);
+            assert_close(mesh_area(&layer), mesh_area(visual), 1e-12);
+        }
+        pc_mesh_free(context, &layer);
+        pc_labels_free(context, &labels);
+    }
+    // A missing triangle is a hole of less than three voxels, and is filled.
+    pc_mesh pierced = sheet, layer = {0};
+    pierced.triangle_count -= 1;
+    for (size_t c = 0; c < 3; ++c) { // the last triangle takes the place of an inner one
+        pierced.triangles[3 * 410 + c] = sheet.triangles[3 * pierced.triangle_count + c];
+    }
+    pc_labels labels = make_labels(context, pierced.vertex_count, 1);
+    pc_carve_report report = {0};
+    pc_carve_options options = labels_only();
+    options.layer_source = PC_LAYER_VISUAL;
+    assert_ok(context,
+              pc_carve(context, &pierced, &pierced, &labels, 0.2, &options, &layer, &report));
+    assert_int_equal(report.filled_loops, 1);
+    assert_int_equal(report.boundary_loops, 1);
+    pc_mesh_free(context, &layer);
+    pc_labels_free(context, &labels);
+    pc_mesh_free(context, &pillow);
+    pc_mesh_free(context, &apart);
+    pc_mesh_free(context, &lined);
+    pc_mesh_free(context, &tube);
+    pc_mesh_free(context, &sheet);
+    pc_context_destroy(context);
+}
+
 static void survives_lack_of_memory(void **state) {
     (void)state;
     counting_allocator counter = {0};
@@ -331,8 +390,7 @@ static void survives_lack_of_memory(void **state) {
     for (size_t v = 0; v < ball.vertex_count; ++v) {
         labels.labels[v] = ball.positions[3 * v] > -0.5;
     }
-    pc_carve_options options;
-    pc_record_set_defaults(&pc_carve_options_record, &options);
+    pc_carve_options options = labels_only();
     options.carve = true;
     const size_t live = counter.live;
     size_t failures = 0;
@@ -367,8 +425,7 @@ static void is_deterministic(void **state) {
             labels.labels[v] = ball.positions[3 * v] > -0.5;
         }
         pc_mesh visual = test_sheet(context, 9, 9, 1.0, 1.0);
-        pc_carve_options options;
-        pc_record_set_defaults(&pc_carve_options_record, &options);
+        pc_carve_options options = labels_only();
         options.carve = true;
         options.carve_distance = 2.0;
         assert_ok(context, pc_carve(context, &visual, &ball, &labels, 0.2, &options, &layer, NULL));
@@ -418,12 +475,12 @@ static void rejects_bad_arguments(void **state) {
                      PC_ERROR_INVALID_ARGUMENT);
     assert_int_equal(pc_carve(context, &sheet, &sheet, &labels, 1.0, NULL, &sheet, NULL),
                      PC_ERROR_INVALID_ARGUMENT);
-    pc_carve_options options;
-    pc_record_set_defaults(&pc_carve_options_record, &options);
+    pc_carve_options options = labels_only();
     options.smallest_part = 2.0;
     assert_int_equal(pc_carve(context, &sheet, &sheet, &labels, 1.0, &options, &layer, NULL),
                      PC_ERROR_INVALID_OPTIONS);
-    assert_int_equal(pc_carve(context, &sheet, &sheet, &labels, 1.0, NULL, &layer, NULL),
+    options = labels_only();
+    assert_int_equal(pc_carve(context, &sheet, &sheet, &labels, 1.0, &options, &layer, NULL),
                      PC_ERROR_NO_PROXY); // all labels are 0
     sheet.triangles[0] = 9;
     assert_int_equal(pc_carve(context, &sheet, &sheet, &labels, 1.0, NULL, &layer, NULL),
@@ -448,6 +505,7 @@ int main(void) {
         cmocka_unit_test(opens_narrow_tubes),
         cmocka_unit_test(keeps_webs),
         cmocka_unit_test(refines_triangles_without_area),
+        cmocka_unit_test(takes_clean_sheets_as_they_are),
         cmocka_unit_test(survives_lack_of_memory),
         cmocka_unit_test(is_deterministic),
         cmocka_unit_test(can_be_cancelled),

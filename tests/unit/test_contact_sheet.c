@@ -331,8 +331,8 @@ static void lays_out_the_stages(void **state) {
     asset.options.simulate.up_axis = 1;
     pci_image image;
     write_sheet(context, &asset, &small_sheet, &image);
-    assert_int_equal(image.width, MARGIN + 5 * (TILE + MARGIN));
-    assert_int_equal(image.height, MARGIN + TITLE + 3 * (TILE + CAPTION + MARGIN));
+    assert_int_equal(image.width, MARGIN + 6 * (TILE + MARGIN));
+    assert_int_equal(image.height, MARGIN + TITLE + 4 * (TILE + CAPTION + MARGIN));
     free(image.pixels);
     for (size_t i = 0; i < image.width; i += image.width - 1) {
         for (size_t j = 0; j < image.height; j += image.height - 1) {
@@ -356,7 +356,7 @@ static void lays_out_the_stages(void **state) {
     free(image.pixels);
     const pc_contact_sheet_options all = {.tile_size = TILE, .skinned_frames = 60};
     write_sheet(context, &asset, &all, &image); // there are only 5
-    assert_int_equal(image.height, MARGIN + TITLE + 3 * (TILE + CAPTION + MARGIN));
+    assert_int_equal(image.height, MARGIN + TITLE + 4 * (TILE + CAPTION + MARGIN));
     free(image.pixels);
     // Stages that did not run are left out.
     asset.stage_count = PC_STAGE_CARVE;

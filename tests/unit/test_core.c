@@ -84,6 +84,8 @@ static void every_field_is_described(void **state) {
     check_fields(&pc_visual_report_record);
     check_fields(&pc_measures_record);
     check_fields(&pc_contact_sheet_options_record);
+    check_fields(&pc_strip_options_record);
+    check_fields(&pc_evaluate_motion_options_record);
 }
 
 static void options_have_valid_defaults(void **state) {

@@ -353,6 +353,91 @@ static void vertices_keep_clear_of_the_lattice_points(void **state) {
     pc_context_destroy(context);
 }
 
+// Shapes without thickness, and thinner than a voxel in other directions too.
+typedef enum thin_shape {
+    TRIANGLE,
+    SLIVER,
+    SEGMENT,
+    TWO_POINTS,
+    RIBBON,
+    FAN,
+    SHAPE_COUNT
+} thin_shape;
+
+// Corners are random in the unit cube; returns the number of triangles.
+static size_t make_thin(thin_shape shape, uint64_t seed, double positions[24],
+                        uint32_t triangles[18]) {
+    static const uint32_t fan[18] = {0, 1, 2, 0, 2, 3, 0, 3, 4, 0, 4, 5, 0, 5, 6, 0, 6, 7};
+    for (size_t i = 0; i < 24; ++i) {
+        positions[i] = pci_random(seed, i, shape);
+    }
+    memcpy(triangles, fan, sizeof(fan));
+    const double width = pow(10.0, -8.0 * pci_random(seed, 99, shape));
+    for (size_t k = 0; k < 3; ++k) {
+        double *a = &positions[k], *b = &positions[3 + k], *c = &positions[6 + k];
+        double *d = &positions[9 + k];
+        if (shape == SLIVER) {
+            *c = 0.3 * *a + 0.7 * *b + width * (*c - 0.5) * 0.01;
+        } else if (shape == RIBBON) {
+            const double side = 0.01 * width * (*c - 0.5);
+            *c = *b + side, *d = *a + side;
+        }
+    }
+    if (shape == SEGMENT) {
+        triangles[2] = 1; // 0 1 1
+    } else if (shape == TWO_POINTS) {
+        triangles[1] = triangles[2] = 0;
+        triangles[3] = triangles[4] = triangles[5] = 1;
+    }
+    return shape == FAN ? 6 : shape == RIBBON || shape == TWO_POINTS ? 2 : 1;
+}
+
+static void thin_parts_are_enclosed(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    for (uint64_t seed = 0; seed < 60; ++seed) {
+        for (thin_shape shape = TRIANGLE; shape < SHAPE_COUNT; ++shape) {
+            double positions[24];
+            uint32_t triangles[18];
+            const pc_mesh thin = {.vertex_count = 8,
+                                  .positions = positions,
+                                  .triangle_count = make_thin(shape, seed, positions, triangles),
+                                  .triangles = triangles};
+            const pc_voxelize_options options = {.voxels = 4 + (uint32_t)(seed % 7 * 5)};
+            const pc_isosurface_options iso = {.iso_voxels = seed % 2 == 0 ? 1.0 : 0.867};
+            pc_grid grid = {0};
+            pc_mesh mesh = {0};
+            pc_isosurface_report report = {0};
+            assert_ok(context, pc_voxelize(context, &thin, &options, &grid, NULL));
+            assert_ok(context, pc_isosurface(context, &grid, &iso, &mesh, &report));
+
+            // In one piece, without pinholes; a fan may enclose hollows and have tunnels.
+            const size_t pieces = assert_closed_manifold(&mesh);
+            assert_int_equal(report.components, pieces);
+            if (shape != FAN) {
+                assert_int_equal(pieces, shape == TWO_POINTS ? 2 : 1);
+                assert_int_equal(mesh.triangle_count, 2 * (mesh.vertex_count - 2 * pieces));
+            }
+            // Around all of it, and nowhere farther than the iso-surface may be.
+            for (size_t t = 0; t < thin.triangle_count; ++t) {
+                for (size_t i = 0; i <= 10; ++i) {
+                    double point[3];
+                    const double u = 0.1 * (double)i, v = (1.0 - u) * pci_random(seed, i, t);
+                    for (size_t k = 0; k < 3; ++k) {
+                        point[k] = u * positions[3 * (size_t)triangles[3 * t] + k] +
+                                   v * positions[3 * (size_t)triangles[3 * t + 1] + k] +
+                                   (1.0 - u - v) * positions[3 * (size_t)triangles[3 * t + 2] + k];
+                    }
+                    assert_close(winding_number(&mesh, point), 1.0, 1e-9);
+                }
+            }
+            pc_mesh_free(context, &mesh);
+            pc_grid_free(context, &grid);
+        }
+    }
+    pc_context_destroy(context);
+}
+
 static void threads_do_not_change_the_result(void **state) {
     (void)state;
     static const uint32_t thread_counts[] = {1, 2, 3, 8};
@@ -480,6 +565,7 @@ int main(void) {
         cmocka_unit_test(sphere_converges_with_second_order),
         cmocka_unit_test(hollow_adds_a_component),
         cmocka_unit_test(vertices_keep_clear_of_the_lattice_points),
+        cmocka_unit_test(thin_parts_are_enclosed),
         cmocka_unit_test(threads_do_not_change_the_result),
         cmocka_unit_test(broken_grids_are_refused),
         cmocka_unit_test(nothing_inside_gives_an_empty_mesh),

@@ -1,0 +1,173 @@
+#include "stages/visual_layer.h"
+
+#include "core/core.h"
+#include "core/manifold.h"
+#include "core/topology.h"
+#include "stages/loops.h"
+
+enum { grain = 256, most_near = 512 };
+
+// Sheets within a voxel of each other are close.
+// Below this share of the area that sees another sheet close by, a sheet is plain.
+static const double plain_share = 0.02;
+// A lining shows its back to the back of the cloth, everywhere. Where a sheet is folded, backs and
+// fronts meet in turn, so that the two shares are alike.
+static const double most_lined_share = 0.15, most_lined_surplus = 0.05;
+// Holes of a shorter way around are no openings, in voxels.
+static const double smallest_opening = 3.0;
+
+typedef struct probe {
+    const pci_bvh *bvh;
+    const pc_mesh *mesh;
+    const uint32_t *component; // #F
+    double reach;
+    uint8_t *sees;    // #F, bit 0: a back close behind it, bit 1: a front close before it
+    uint8_t *touches; // #F, another component within reach
+} probe;
+
+static bool sees(const probe *p, const double point[3], const double normal[3], double side) {
+    const double direction[3] = {side * normal[0], side * normal[1], side * normal[2]};
+    const pci_hit hit =
+        pci_bvh_cast(p->bvh, point, direction, 1e-4 * p->reach, p->reach, NULL, NULL);
+    return hit.triangle != PC_INVALID_INDEX && hit.back_face == (side < 0.0);
+}
+
+static void look_around(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const probe *p = user;
+    for (size_t t = begin; t < end; ++t) {
+        const double *corners[3];
+        double u[3], v[3], normal[3], middle[3];
+        for (size_t c = 0; c < 3; ++c) {
+            corners[c] = &p->mesh->positions[3 * (size_t)p->mesh->triangles[3 * t + c]];
+        }
+        pci_sub(corners[1], corners[0], u);
+        pci_sub(corners[2], corners[0], v);
+        pci_cross(u, v, normal);
+        for (size_t k = 0; k < 3; ++k) {
+            middle[k] = (corners[0][k] + corners[1][k] + corners[2][k]) / 3.0;
+        }
+        uint32_t near[most_near];
+        const size_t count = pci_bvh_collect(p->bvh, middle, p->reach, most_near, near);
+        for (size_t i = 0; i < count && i < most_near; ++i) {
+            p->touches[t] |= p->component[near[i]] != p->component[t];
+        }
+        if (pci_normalize(normal)) {
+            p->sees[t] =
+                (uint8_t)(sees(p, middle, normal, -1.0) | sees(p, middle, normal, 1.0) << 1);
+        }
+    }
+}
+
+// Whether every vertex of the visual mesh lies near the layer.
+typedef struct cover_job {
+    const pci_bvh *layer;
+    const pc_mesh *surface;
+    double reach;
+    uint8_t *missed; // #V
+} cover_job;
+
+static void find_missed(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const cover_job *job = user;
+    for (size_t v = begin; v < end; ++v) {
+        job->missed[v] =
+            pci_bvh_closest(job->layer, &job->surface->positions[3 * v], job->reach).triangle ==
+            PC_INVALID_INDEX;
+    }
+}
+
+// Whether each component has a border: a closed one is a doubled sheet or a solid.
+static bool all_open(pci_scratch *scratch, const pc_mesh *mesh, const pci_topology *topology,
+                     const uint32_t *component, size_t count) {
+    uint8_t *open = PCI_SCRATCH(scratch, uint8_t, count);
+    if (open == NULL) {
+        return false;
+    }
+    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
+        const uint32_t e = topology->triangle_edges[i];
+        open[component[i / 3]] |=
+            topology->edge_triangle_offsets[e + 1] - topology->edge_triangle_offsets[e] == 1;
+    }
+    bool all = true;
+    for (size_t i = 0; i < count; ++i) {
+        all = all && open[i];
+    }
+    return all;
+}
+
+static pci_layering classify(const probe *p) {
+    double area = 0.0, back = 0.0, front = 0.0;
+    for (size_t t = 0; t < p->mesh->triangle_count; ++t) {
+        const double a = pci_triangle_area(p->mesh, t);
+        area += a;
+        back += p->sees[t] & 1 ? a : 0.0;
+        front += p->sees[t] & 2 ? a : 0.0;
+        if (p->touches[t]) {
+            return PCI_LAYERED;
+        }
+    }
+    if (back + front <= plain_share * area) {
+        return PCI_PLAIN;
+    }
+    return back <= most_lined_share * area && back - front <= most_lined_surplus * area
+               ? PCI_FOLDED
+               : PCI_LAYERED;
+}
+
+static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
+                         const pc_mesh *layer, double cell_size, pci_layering *layering) {
+    pc_context *context = scratch->context;
+    pci_topology topology;
+    uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
+    probe p = {.mesh = layer, .component = component, .reach = cell_size};
+    p.sees = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
+    p.touches = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
+    uint8_t *missed = PCI_SCRATCH(scratch, uint8_t, surface->vertex_count);
+    if (scratch->failed || !pci_topology_build(scratch, layer, &topology)) {
+        return pci_fail_memory(context, stage);
+    }
+    const size_t count = pci_triangle_components(scratch, layer, &topology, component);
+    if (!all_open(scratch, layer, &topology, component, count)) {
+        return scratch->failed ? pci_fail_memory(context, stage) : PC_OK;
+    }
+    pci_bvh *bvh = NULL;
+    const pc_status status = pci_bvh_create(context, stage, layer, &bvh);
+    if (status != PC_OK) {
+        return status;
+    }
+    p.bvh = bvh;
+    cover_job cover = {bvh, surface, cell_size, missed};
+    const bool done =
+        pci_parallel_while_wanted(context, layer->triangle_count, grain, look_around, &p) &&
+        pci_parallel_while_wanted(context, surface->vertex_count, grain, find_missed, &cover);
+    pci_bvh_destroy(context, bvh);
+    if (!done) {
+        return pci_fail_memory(context, stage);
+    }
+    *layering = classify(&p);
+    for (size_t v = 0; v < surface->vertex_count && *layering != PCI_LAYERED; ++v) {
+        *layering = missed[v] ? PCI_LAYERED : *layering;
+    }
+    return PC_OK;
+}
+
+pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
+                           double cell_size, bool always, pc_mesh *layer, pci_layering *layering,
+                           uint64_t *filled_loops) {
+    pci_repair_counts counts;
+    *layering = PCI_LAYERED;
+    if (!pci_mesh_repair(scratch, surface, NULL, layer, &counts) ||
+        !pci_fill_loops(scratch, layer, SIZE_MAX, smallest_opening * cell_size, filled_loops)) {
+        pc_mesh_free(scratch->context, layer);
+        return pci_fail_memory(scratch->context, stage);
+    }
+    pc_status status = PC_OK;
+    if (layer->triangle_count > 0 && !always) {
+        status = measure(scratch, stage, surface, layer, cell_size, layering);
+    }
+    if (status != PC_OK || (*layering == PCI_LAYERED && !always)) {
+        pc_mesh_free(scratch->context, layer);
+    }
+    return status;
+}

@@ -1,0 +1,22 @@
+// The visual mesh as its own single layer, where it is one already.
+#ifndef PCI_VISUAL_LAYER_H
+#define PCI_VISUAL_LAYER_H
+
+#include "core/bvh.h"
+
+typedef enum pci_layering {
+    PCI_LAYERED, // linings, doubled sheets, parts on top of each other, closed parts
+    PCI_FOLDED,  // one sheet that lies close to itself here and there
+    PCI_PLAIN    // one sheet, nowhere close to itself
+} pci_layering;
+
+// Repairs the visual mesh to a manifold, fills holes smaller than a voxel and finds out whether it
+// is a single layer; `layer` stays empty when it is layered, and belongs to the caller otherwise.
+// With `always` it is not asked.
+// PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
+PC_NODISCARD pc_status pci_visual_layer(pci_scratch *scratch, const char *stage,
+                                        const pc_mesh *surface, double cell_size, bool always,
+                                        pc_mesh *layer, pci_layering *layering,
+                                        uint64_t *filled_loops);
+
+#endif

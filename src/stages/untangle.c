@@ -4,6 +4,8 @@
 #include "stages/improve.h"
 
 static const size_t steps = 30;
+// Triangles looked at in all steps together, so that large meshes end; five steps at least.
+static const size_t work = 1000000;
 static const size_t search_passes = 12;
 // Pairs beyond which a search would take too long.
 static const size_t most_searched = 256;
@@ -226,11 +228,15 @@ bool pci_untangle(pci_scratch *scratch, pci_relaxation *relaxation, double spaci
         return false;
     }
     *left = SIZE_MAX;
-    for (size_t step = 0; step <= steps && *left > 0; ++step) {
+    const size_t affordable = 5 + work / (mesh.triangle_count + 1);
+    const size_t last = affordable < steps ? affordable : steps;
+    for (size_t step = 0; step <= last && *left > 0; ++step) {
         size_t count = 0;
         uint32_t *pairs = NULL;
-        if (!pci_list_self_intersections(scratch, &mesh, &pairs, &count) ||
+        pci_scratch lists = pci_scratch_begin(scratch->context);
+        if (!pci_list_self_intersections(&lists, &mesh, &pairs, &count) ||
             !pci_keep_going(scratch->context)) {
+            pci_scratch_end(&lists);
             return false;
         }
         if (count < *left) {
@@ -243,6 +249,7 @@ bool pci_untangle(pci_scratch *scratch, pci_relaxation *relaxation, double spaci
             push_pair(&u, &mesh.triangles[3 * (size_t)pairs[2 * i]],
                       &mesh.triangles[3 * (size_t)pairs[2 * i + 1]]);
         }
+        pci_scratch_end(&lists);
         apply(&u);
     }
     memcpy(mesh.positions, u.best, 3 * mesh.vertex_count * sizeof(*u.best));

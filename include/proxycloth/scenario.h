@@ -9,16 +9,13 @@
 ///   "winds": [{"time": s, "velocity": [x, y, z]}, ...]
 ///                                            m/s; linear between the keys, constant outside of
 ///                                            them; instead of random winds by "seed"
-///   "pins": [RULE, ...]                      all vertices that a rule names are held; RULE is one
-///   of
+///   "pins": [RULE, ...]                      all vertices that a rule names are held; a RULE is
 ///       {"highest": fraction}                the highest vertices, rounded up
 ///       {"box": {"min": [x, y, z], "max": [x, y, z]}}
-///       {"attribute": NAME, "above": number} red, green, blue, alpha (vertex colour), u, v
-///       (texture
-///                                            coordinate) of the nearest point of the visual mesh
-///       {"mesh": GLOB}                       the nearest triangle of the visual mesh belongs to
-///       this
-///       {"material": GLOB}                   mesh or node, or material; * and ? match anything
+///       {"attribute": NAME, "above": number} at the nearest point of the visual mesh; NAME is
+///                                            red, green, blue, alpha (vertex color), u or v
+///       {"mesh": GLOB}                       nearest triangle's mesh or node matches; * ? are wild
+///       {"material": GLOB}                   its material does
 ///   "attachment": {"clip": NAME, "start": s, "loop": bool, "blend": s}
 ///       pinned vertices follow a clip of the input's skeleton, by the joint weights of the nearest
 ///       point of the visual mesh (of the body where the garment is not skinned). For `blend`

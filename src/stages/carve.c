@@ -7,6 +7,7 @@
 #include "core/topology.h"
 #include "stages/border.h"
 #include "stages/crumbs.h"
+#include "stages/folds.h"
 #include "stages/loops.h"
 #include "stages/outline.h"
 #include "stages/visual_layer.h"
@@ -55,6 +56,8 @@ static const pc_field report_fields[] = {
 };
 const pc_record pc_carve_report_record = PCI_RECORD(report_fields, pc_carve_report);
 
+// Folds of a folded sheet that are narrower than about four times this are flattened, in voxels.
+static const double flattened_voxels = 1.0;
 // The labels of a folded sheet may miss so much of it.
 static const double least_coverage = 0.99;
 // What the visual mesh covers is within this many voxels of the layer.
@@ -309,6 +312,9 @@ static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface,
         if (status == PC_OK &&
             (other.components != report->components ||
              other.boundary_loops != report->boundary_loops || report->coverage < least_coverage)) {
+            if (!pci_flatten_folds(scratch, flattened_voxels * cell_size, &visual)) {
+                return pci_fail_memory(scratch->context, stage);
+            }
             return take_visual(scratch, surface, projected, labels, cell_size, filled, &visual,
                                layer, report);
         }

@@ -34,7 +34,9 @@ static void check(bool condition, const char *name, const char *what) {
 }
 
 // Certificates that need no golden value.
-static void check_certificates(const pc_asset *asset, const pc_measures *measures) {
+// `sheet` measures the visual mesh against itself.
+static void check_certificates(const pc_asset *asset, const pc_measures *measures,
+                               const pc_measures *sheet) {
     const char *name = asset->name;
     const pc_label_report *label = &asset->reports.label;
     const double objective =
@@ -45,7 +47,10 @@ static void check_certificates(const pc_asset *asset, const pc_measures *measure
           "the bound is above the objective");
     check(measures->nonmanifold_edges == 0, name, "the proxy has non-manifold edges");
     check(measures->nonmanifold_vertices == 0, name, "the proxy has non-manifold vertices");
-    check(measures->doubled_area <= 0.02, name, "the proxy has doubled layers");
+    // A sheet that is its own layer lies beside itself where the garment does: sleeves, folds.
+    const double inherent =
+        asset->reports.carve.source == PC_LAYER_VISUAL ? 0.25 * sheet->doubled_area : 0.0;
+    check(measures->doubled_area <= fmax(0.02, inherent), name, "the proxy has doubled layers");
     for (size_t i = 0; i < asset->skin.vertex_count; ++i) {
         double sum = 0.0;
         bool good = true;
@@ -76,13 +81,15 @@ static void run(pc_context *context, const char *folder, golden_row *row, bool u
     snprintf(path, sizeof(path), "%s/%s.obj", folder, row->name);
     pc_asset asset = {0};
     pc_measures measures = {0};
+    pc_measures sheet = {0};
     if (!load_garment(context, path, &asset) || pc_build(context, NULL, &asset, NULL) != PC_OK ||
-        pc_evaluate(context, &asset.visual.surface, &asset.proxy, &measures) != PC_OK) {
+        pc_evaluate(context, &asset.visual.surface, &asset.proxy, &measures) != PC_OK ||
+        pc_evaluate(context, &asset.visual.surface, &asset.visual.surface, &sheet) != PC_OK) {
         check(false, row->name, pc_context_error(context)->message);
         pc_asset_free(context, &asset);
         return;
     }
-    check_certificates(&asset, &measures);
+    check_certificates(&asset, &measures, &sheet);
     check_unseen_wind(context, &asset);
     const double found[VALUE_COUNT] = {(double)measures.vertices,
                                        (double)measures.components,

@@ -17,7 +17,7 @@ const char *pc_status_text(pc_status status) {
 
 const char *pc_version(void) { return PC_VERSION_STRING; }
 
-static void *default_allocate(void *user, size_t size) {
+void *pci_default_allocate(void *user, size_t size) {
     (void)user;
     return malloc(size);
 }
@@ -41,7 +41,7 @@ pc_status pc_context_create(const pc_context_options *options, pc_context **cont
         return PC_ERROR_INVALID_ARGUMENT;
     }
     if (chosen.allocator.allocate == NULL) {
-        chosen.allocator.allocate = default_allocate;
+        chosen.allocator.allocate = pci_default_allocate;
         chosen.allocator.release = default_release;
     }
     pc_context *created = chosen.allocator.allocate(chosen.allocator.user, sizeof(*created));

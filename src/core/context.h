@@ -16,6 +16,9 @@ struct pc_context {
     bool cancelled;
 };
 
+// The allocator of contexts without one of their own.
+void *pci_default_allocate(void *user, size_t size);
+
 // Worker threads that wait for pci_parallel_for; `threads` 0 means one per core. Where threads
 // cannot be started the pool has fewer. NULL: out of memory.
 pci_pool *pci_pool_create(pc_context *context, uint32_t threads);

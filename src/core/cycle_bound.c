@@ -18,6 +18,7 @@ typedef struct bounding {
     pci_cycle_search search;
     uint32_t *parent; // for count_contracted
     int64_t *costs;   // of the edges
+    float *keys;      // for rounding
     pci_cycle_bound *result;
 } bounding;
 
@@ -64,6 +65,15 @@ static bool promising(bounding *b, int64_t cost) {
     return gap < 1.0 || 2 * count_contracted(b, b->costs, (int64_t)gap) < b->graph->vertex_count;
 }
 
+// What the packing leaves of an edge says how sure its wish is: with an optimal packing, an optimal
+// labelling violates only edges of which nothing is left.
+static bool round_residuals(bounding *b, uint8_t *labels) {
+    for (size_t e = 0; e < b->graph->edge_count; ++e) {
+        b->keys[e] = -(float)((double)b->result->residuals[e] * b->program.scale);
+    }
+    return pci_signed_search(b->scratch->context, b->graph, b->keys, 0, labels);
+}
+
 // One round of separation, steps of the program and rounding. `done`: bound and labels cannot be
 // improved here, or the rest is worth contracting.
 static bool run_round(bounding *b, uint32_t round, uint32_t *idle, uint8_t *labels, bool *done) {
@@ -80,13 +90,12 @@ static bool run_round(bounding *b, uint32_t round, uint32_t *idle, uint8_t *labe
         return false;
     }
     *idle = added == 0 && error < CONVERGED ? *idle + 1 : 0;
-    const int64_t cost = pci_signed_graph_cost(graph, labels);
     *done = *idle == MAX_IDLE || b->budget->left == 0;
-    if (*done || promising(b, cost)) {
-        if (!certify(b)) {
+    if (*done || promising(b, pci_signed_graph_cost(graph, labels))) {
+        if (!certify(b) || !round_residuals(b, labels)) {
             return false;
         }
-        const int64_t gap = cost - b->result->bound;
+        const int64_t gap = pci_signed_graph_cost(graph, labels) - b->result->bound;
         *done = *done || gap <= 0 ||
                 2 * count_contracted(b, b->result->residuals, gap) < graph->vertex_count;
     }
@@ -106,6 +115,7 @@ pc_status pci_find_cycle_bound(pci_scratch *scratch, const char *stage,
     result->bound = graph->constant;
     b.parent = PCI_SCRATCH(&local, uint32_t, graph->vertex_count);
     b.costs = PCI_SCRATCH(&local, int64_t, m);
+    b.keys = PCI_SCRATCH(&local, float, m);
     if (scratch->failed || !pci_cycle_program_create(&local, graph, &b.program) ||
         !pci_cycle_search_create(&local, &b.program, &b.search)) {
         status = pci_fail_memory(context, stage);

@@ -1,3 +1,5 @@
+#include <stdlib.h>
+
 #include "core/context.h"
 
 void *pci_allocate(pc_context *context, size_t count, size_t size) {
@@ -6,6 +8,9 @@ void *pci_allocate(pc_context *context, size_t count, size_t size) {
     }
     const size_t bytes = count * size;
     const pc_allocator *allocator = &context->options.allocator;
+    if (allocator->allocate == pci_default_allocate) {
+        return calloc(bytes != 0 ? bytes : 1, 1); // knows which pages are zero already
+    }
     void *memory = allocator->allocate(allocator->user, bytes != 0 ? bytes : 1);
     if (memory != NULL) {
         memset(memory, 0, bytes);

@@ -5,10 +5,12 @@
 #include "core/maxflow.h"
 
 // The double cover has a node 2v for "v has label 1" and 2v + 1 for "v has label 0"; residual arcs
-// are implications that cost nothing to obey. Edge e of the graph owns arcs 4e .. 4e + 3, where
-// arc ^ 2 is the mirror image (the contraposition) of an arc.
+// are implications that cost nothing to obey. The edges at the ground, which come first, are
+// terminals; edge e behind them owns arcs 4 (e - first) .. + 3, where arc ^ 2 is the mirror image
+// (the contraposition) of an arc.
 typedef struct cover {
     pci_flow_network net;
+    size_t first; // edge not at the ground
     uint32_t *heads;
     size_t *offsets;
     uint32_t *arcs;
@@ -16,7 +18,10 @@ typedef struct cover {
 
 static bool make_cover(pci_scratch *scratch, const pci_signed_graph *graph,
                        const int64_t *capacities, cover *c) {
-    const size_t nodes = 2 * graph->vertex_count, arcs = 4 * graph->edge_count;
+    while (c->first < graph->edge_count && graph->edges[c->first].a == PCI_GROUND) {
+        ++c->first;
+    }
+    const size_t nodes = 2 * graph->vertex_count, arcs = 4 * (graph->edge_count - c->first);
     c->heads = PCI_SCRATCH(scratch, uint32_t, arcs);
     c->offsets = PCI_SCRATCH(scratch, size_t, nodes + 2);
     c->arcs = PCI_SCRATCH(scratch, uint32_t, arcs);
@@ -29,15 +34,16 @@ static bool make_cover(pci_scratch *scratch, const pci_signed_graph *graph,
         const pci_signed_edge *edge = &graph->edges[e];
         const int64_t cost = capacities != NULL ? capacities[e] : edge->cost;
         const uint32_t a = 2 * edge->a, b = 2 * edge->b + (edge->opposite ? 1u : 0u);
-        const uint32_t heads[4] = {b, a, a ^ 1u, b ^ 1u};
-        memcpy(&c->heads[4 * e], heads, sizeof(heads));
-        if (edge->a == PCI_GROUND) {
+        if (e < c->first) {
             c->net.terminals[b] += cost;
             c->net.terminals[b ^ 1u] -= cost;
             continue;
         }
+        const uint32_t heads[4] = {b, a, a ^ 1u, b ^ 1u};
+        const size_t arc = 4 * (e - c->first);
+        memcpy(&c->heads[arc], heads, sizeof(heads));
         for (size_t k = 0; k < 4; ++k) {
-            c->net.capacities[4 * e + k] = cost;
+            c->net.capacities[arc + k] = cost;
             ++c->offsets[heads[k ^ 1] + 2];
         }
     }
@@ -46,9 +52,7 @@ static bool make_cover(pci_scratch *scratch, const pci_signed_graph *graph,
         next[v + 1] += next[v];
     }
     for (uint32_t arc = 0; arc < arcs; ++arc) {
-        if (graph->edges[arc / 4].a != PCI_GROUND) {
-            c->arcs[next[c->heads[arc ^ 1u]]++] = arc;
-        }
+        c->arcs[next[c->heads[arc ^ 1u]]++] = arc;
     }
     c->net.node_count = nodes;
     c->net.arc_count = arcs;
@@ -177,12 +181,13 @@ bool pci_pack_ground_cycles(pci_scratch *scratch, const pci_signed_graph *graph,
         // The flow in the cover is worth half; each edge is there twice.
         const pci_signed_edge *edge = &graph->edges[e];
         int64_t used;
-        if (edge->a == PCI_GROUND) {
+        if (e < c.first) {
             const size_t b = 2 * (size_t)edge->b;
             used = 2 * capacities[e] - llabs(c.net.terminals[b]) - llabs(c.net.terminals[b + 1]);
         } else {
-            used = llabs(capacities[e] - c.net.capacities[4 * e]) +
-                   llabs(capacities[e] - c.net.capacities[4 * e + 2]);
+            const size_t arc = 4 * (e - c.first);
+            used = llabs(capacities[e] - c.net.capacities[arc]) +
+                   llabs(capacities[e] - c.net.capacities[arc + 2]);
         }
         capacities[e] -= used / 2 + used % 2;
     }

@@ -18,7 +18,12 @@ void pci_signed_graph_create(size_t vertex_count, pci_signed_edge *edges, size_t
             edges[e].a = edges[e].b, edges[e].b = a;
         }
     }
-    if (edge_count > 1) {
+    // Mostly they are in order already.
+    bool sorted = true;
+    for (size_t e = 1; e < edge_count && sorted; ++e) {
+        sorted = compare_edges(&edges[e - 1], &edges[e]) <= 0;
+    }
+    if (!sorted) {
         qsort(edges, edge_count, sizeof(*edges), compare_edges);
     }
     int64_t constant = 0;

@@ -151,6 +151,11 @@ static pc_status solve_components(solver *s, const pci_signed_graph *graph, cons
                                   pci_signed_solution *solution) {
     const size_t n = graph->vertex_count, components = roof->component_count;
     pc_status status = PC_OK;
+    memcpy(solution->labels, roof->labels, n);
+    if (components == 0) {
+        solution->bound = pci_signed_graph_cost(graph, solution->labels);
+        return PC_OK;
+    }
     pci_scratch scratch = pci_scratch_begin(s->context);
     size_t *offsets = PCI_SCRATCH(&scratch, size_t, components + 2);
     uint32_t *vertices = PCI_SCRATCH(&scratch, uint32_t, n);
@@ -180,7 +185,6 @@ static pc_status solve_components(solver *s, const pci_signed_graph *graph, cons
     if (components > 1) {
         qsort(order, components, sizeof(*order), compare_components);
     }
-    memcpy(solution->labels, roof->labels, n);
     int64_t missing = 0;
     for (size_t k = 0; k < components && status == PC_OK; ++k) {
         if (!pci_progress(s->context, s->stage, pci_budget_used(&s->budget))) {

@@ -93,40 +93,94 @@ pc_status pci_label_check(pc_context *context, const pc_graph *graph) {
     return PC_OK;
 }
 
-// Gives each connected part that has no edge to the ground one to its lowest vertex: flipping the
-// whole part is free, so label 1 is no restriction there. Returns the new number of edges.
-static size_t pin_free_parts(pci_scratch *scratch, size_t vertex_count, pci_signed_edge *edges,
-                             size_t edge_count) {
-    uint32_t *parent = PCI_SCRATCH(scratch, uint32_t, vertex_count);
-    int64_t *incident = PCI_SCRATCH(scratch, int64_t, vertex_count);
-    if (scratch->failed) {
-        return 0;
-    }
-    pci_singletons(parent, vertex_count);
-    for (size_t e = 0; e < edge_count; ++e) {
-        pci_unite(parent, edges[e].a, edges[e].b);
-        incident[edges[e].a] += edges[e].cost;
-        incident[edges[e].b] += edges[e].cost;
-    }
-    for (uint32_t v = 1; v < vertex_count; ++v) {
-        if (parent[v] == v) {
-            edges[edge_count++] =
-                (pci_signed_edge){.a = PCI_GROUND, .b = v, .cost = incident[v] + 1};
-        }
-    }
-    return edge_count;
+static int64_t scaled(double cost, int exponent) { return (int64_t)floor(ldexp(cost, exponent)); }
+
+// Orders pairs of vertices.
+static uint64_t pair_key(const uint32_t *pair) {
+    const uint32_t low = pair[0] < pair[1] ? pair[0] : pair[1];
+    return (uint64_t)low << 32 | (low == pair[0] ? pair[1] : pair[0]);
 }
 
-static int64_t scaled(double cost, int exponent) { return (int64_t)floor(ldexp(cost, exponent)); }
+// Equation (3) and the second term of (2) as wishes of pairs, merged in ascending order when the
+// guide graph's edges are, as they should be. With a sign, labels (outer 1, inner 0) cost 0, the
+// reverse costs the bias b and equal labels cost 1 + b: opposite labels are worth 1 + b / 2, each
+// end's own wish b / 2.
+static size_t make_pairs(const pc_graph *graph, const pc_label_options *o, int exponent,
+                         pci_signed_edge *pairs) {
+    const double half_bias = 0.5 * o->lambda_bias * o->lambda_opposite;
+    size_t count = 0;
+    for (size_t e = 0, k = 0; e < graph->edge_count || k < graph->opposite_count;) {
+        const uint32_t *edge = &graph->edges[2 * e], *opposite = &graph->opposites[2 * k];
+        if (k == graph->opposite_count ||
+            (e < graph->edge_count && pair_key(edge) <= pair_key(opposite))) {
+            pairs[count++] = (pci_signed_edge){
+                .a = edge[0] + 1,
+                .b = edge[1] + 1,
+                .cost = scaled(o->lambda_smooth * graph->edge_weights[e], exponent)};
+            ++e;
+        } else {
+            const double cost =
+                o->lambda_opposite + (graph->opposite_signs[k] != 0 ? half_bias : 0.0);
+            pairs[count++] = (pci_signed_edge){.a = opposite[0] + 1,
+                                               .b = opposite[1] + 1,
+                                               .opposite = true,
+                                               .cost = scaled(cost, exponent)};
+            ++k;
+        }
+    }
+    return count;
+}
+
+// What single vertices wish: wishes[v] > 0 for label 1. Returns what contrary wishes cost in any
+// case.
+static int64_t make_wishes(pci_scratch *scratch, const pc_graph *graph, const pc_label_options *o,
+                           int exponent, int64_t *wishes) {
+    const int64_t wish = scaled(0.5 * o->lambda_bias * o->lambda_opposite, exponent);
+    int64_t *against = PCI_SCRATCH(scratch, int64_t, graph->vertex_count + 1);
+    int64_t constant = 0;
+    for (size_t k = 0; k < graph->opposite_count && against != NULL; ++k) {
+        const int sign = graph->opposite_signs[k];
+        if (sign != 0) {
+            wishes[graph->opposites[2 * k + (sign > 0 ? 0 : 1)] + 1] += wish;
+            against[graph->opposites[2 * k + (sign > 0 ? 1 : 0)] + 1] += wish;
+        }
+    }
+    for (size_t v = 1; v <= graph->vertex_count && against != NULL; ++v) {
+        constant += wishes[v] < against[v] ? wishes[v] : against[v];
+        wishes[v] -= against[v];
+    }
+    return constant;
+}
+
+// Lets the lowest vertex of each connected part without wishes wish label 1, whatever that costs:
+// flipping the whole part is free, so this is no restriction.
+static void pin_free_parts(pci_scratch *scratch, const pci_signed_graph *pairs, int64_t *wishes) {
+    uint32_t *parent = PCI_SCRATCH(scratch, uint32_t, pairs->vertex_count);
+    int64_t *incident = PCI_SCRATCH(scratch, int64_t, pairs->vertex_count);
+    if (scratch->failed) {
+        return;
+    }
+    pci_singletons(parent, pairs->vertex_count);
+    for (uint32_t v = 1; v < pairs->vertex_count; ++v) {
+        if (wishes[v] != 0) {
+            pci_unite(parent, PCI_GROUND, v);
+        }
+    }
+    for (size_t e = 0; e < pairs->edge_count; ++e) {
+        pci_unite(parent, pairs->edges[e].a, pairs->edges[e].b);
+        incident[pairs->edges[e].a] += pairs->edges[e].cost;
+        incident[pairs->edges[e].b] += pairs->edges[e].cost;
+    }
+    for (uint32_t v = 1; v < pairs->vertex_count; ++v) {
+        if (parent[v] == v) {
+            wishes[v] = incident[v] + 1;
+        }
+    }
+}
 
 static pc_status make_problem(pc_context *context, pci_scratch *scratch, const pc_graph *graph,
                               const pc_label_options *o, problem *p) {
     const size_t vertices = graph->vertex_count + 1;
-    pci_signed_edge *edges = PCI_SCRATCH(scratch, pci_signed_edge,
-                                         graph->edge_count + 3 * graph->opposite_count + vertices);
-    if (edges == NULL) {
-        return pci_fail_memory(context, stage);
-    }
     double total = 0.0;
     for (size_t e = 0; e < graph->edge_count; ++e) {
         total += o->lambda_smooth * graph->edge_weights[e];
@@ -139,39 +193,32 @@ static pc_status make_problem(pc_context *context, pci_scratch *scratch, const p
     int magnitude = 0;
     (void)frexp(total, &magnitude);
     p->exponent = 58 - magnitude;
-    // Equation (3).
-    size_t count = 0;
-    for (size_t e = 0; e < graph->edge_count; ++e) {
-        edges[count++] = (pci_signed_edge){
-            .a = graph->edges[2 * e] + 1,
-            .b = graph->edges[2 * e + 1] + 1,
-            .cost = scaled(o->lambda_smooth * graph->edge_weights[e], p->exponent)};
-    }
-    // The second term. With a sign, labels (outer 1, inner 0) cost 0, the reverse costs the bias b
-    // and equal labels cost 1 + b: opposite labels are worth 1 + b / 2, each end's own wish b / 2.
-    const double half_bias = 0.5 * o->lambda_bias * o->lambda_opposite;
-    for (size_t e = 0; e < graph->opposite_count; ++e) {
-        const int sign = graph->opposite_signs[e];
-        const uint32_t a = graph->opposites[2 * e] + 1, b = graph->opposites[2 * e + 1] + 1;
-        const double cost = o->lambda_opposite + (sign != 0 ? half_bias : 0.0);
-        edges[count++] =
-            (pci_signed_edge){.a = a, .b = b, .opposite = true, .cost = scaled(cost, p->exponent)};
-        if (sign != 0) {
-            const int64_t wish = scaled(half_bias, p->exponent);
-            edges[count++] =
-                (pci_signed_edge){.a = PCI_GROUND, .b = a, .opposite = sign < 0, .cost = wish};
-            edges[count++] =
-                (pci_signed_edge){.a = PCI_GROUND, .b = b, .opposite = sign > 0, .cost = wish};
-        }
-    }
-    // Parallel edges are merged before the free parts are looked for: wishes may cancel.
-    pci_signed_graph_create(vertices, edges, count, &p->graph);
-    const int64_t constant = p->graph.constant;
-    count = pin_free_parts(scratch, vertices, edges, p->graph.edge_count);
+    // The wishes of vertices, as edges to the ground, go before those of pairs.
+    pci_signed_edge *edges =
+        PCI_SCRATCH(scratch, pci_signed_edge, vertices + graph->edge_count + graph->opposite_count);
+    int64_t *wishes = PCI_SCRATCH(scratch, int64_t, vertices);
     if (scratch->failed) {
         return pci_fail_memory(context, stage);
     }
-    pci_signed_graph_create(vertices, edges, count, &p->graph);
+    const size_t pair_count = make_pairs(graph, o, p->exponent, edges + vertices);
+    pci_signed_graph_create(vertices, edges + vertices, pair_count, &p->graph);
+    int64_t constant = p->graph.constant;
+    constant += make_wishes(scratch, graph, o, p->exponent, wishes);
+    pin_free_parts(scratch, &p->graph, wishes);
+    if (scratch->failed) {
+        return pci_fail_memory(context, stage);
+    }
+    pci_signed_edge *first = edges + vertices;
+    for (uint32_t v = (uint32_t)vertices; v-- > 1;) {
+        if (wishes[v] != 0) {
+            *--first = (pci_signed_edge){.a = PCI_GROUND,
+                                         .b = v,
+                                         .opposite = wishes[v] < 0,
+                                         .cost = wishes[v] < 0 ? -wishes[v] : wishes[v]};
+        }
+    }
+    const size_t wish_count = (size_t)(edges + vertices - first);
+    pci_signed_graph_create(vertices, first, wish_count + p->graph.edge_count, &p->graph);
     p->graph.constant += constant;
     return PC_OK;
 }

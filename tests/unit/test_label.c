@@ -265,6 +265,44 @@ static void cycle_bound_holds(void **state) {
     pc_context_destroy(context);
 }
 
+// Cycles through the ground are worth what roof duality proves, and what they leave of the edges
+// stays due on top.
+static void ground_cycles_fit(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    size_t worth = 0;
+    for (uint64_t seed = 0; seed < 200; ++seed) {
+        pci_signed_edge edges[4 * MAX_SIGNED];
+        int64_t capacities[4 * MAX_SIGNED], gain = -1;
+        pci_signed_graph graph;
+        random_signed_graph(seed, edges, &graph);
+        for (size_t e = 0; e < graph.edge_count; ++e) {
+            capacities[e] = graph.edges[e].cost;
+        }
+        pci_scratch scratch = pci_scratch_begin(context);
+        pci_roof roof;
+        assert_true(pci_roof_duality(&scratch, &graph, &roof));
+        assert_true(pci_pack_ground_cycles(&scratch, &graph, capacities, &gain));
+        assert_true(roof.bound - graph.constant - gain <= 1 && roof.bound >= graph.constant + gain);
+        for (uint32_t bits = 1; bits < 1u << graph.vertex_count; bits += 2) {
+            uint8_t labels[MAX_SIGNED];
+            decode(bits, graph.vertex_count, labels);
+            int64_t least = graph.constant + gain;
+            for (size_t e = 0; e < graph.edge_count; ++e) {
+                const pci_signed_edge *edge = &graph.edges[e];
+                assert_in_range(capacities[e], 0, edge->cost);
+                const bool differ = labels[edge->a] != labels[edge->b];
+                least += differ != edge->opposite ? capacities[e] : 0;
+            }
+            assert_true(pci_signed_graph_cost(&graph, labels) >= least);
+        }
+        worth += gain > 0;
+        pci_scratch_end(&scratch);
+    }
+    assert_true(worth > 50);
+    pc_context_destroy(context);
+}
+
 // Each labelling of the contracted graph costs what its expansion costs.
 static void contraction_keeps_costs(void **state) {
     (void)state;
@@ -645,6 +683,28 @@ static void small_budgets_stay_valid(void **state) {
     pc_context_destroy(context);
 }
 
+// A time limit ends the search with a bound that holds; one that is not reached changes nothing.
+static void time_limits_stay_valid(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    pc_graph graph = {0};
+    read_graph(context, "assistive_gym_hospitalgown", &graph);
+    for (int k = 0; k < 2; ++k) {
+        pc_label_options o = make_options(3, 1, 1, 100);
+        o.label_seconds = k == 0 ? 1e-9 : 3600.0;
+        pc_labels labels = {0};
+        pc_label_report report;
+        assert_ok(context, pc_label(context, &graph, &o, &labels, &report));
+        assert_true(report.objective >= 814.0 - 1e-9);
+        assert_true(report.bound <= 814.0);
+        assert_true(report.bound >= report.roof_bound);
+        assert_int_equal(report.outcome, k == 0 ? PC_LABEL_FEASIBLE : PC_LABEL_OPTIMAL);
+        pc_labels_free(context, &labels);
+    }
+    pc_graph_free(context, &graph);
+    pc_context_destroy(context);
+}
+
 static void same_bytes_for_any_threads(void **state) {
     (void)state;
     const uint32_t threads[] = {1, 2, 3, 8};
@@ -753,6 +813,7 @@ int main(void) {
         cmocka_unit_test(agrees_with_enumeration),
         cmocka_unit_test(elimination_is_exact),
         cmocka_unit_test(cycle_bound_holds),
+        cmocka_unit_test(ground_cycles_fit),
         cmocka_unit_test(contraction_keeps_costs),
         cmocka_unit_test(roof_labels_extend_to_an_optimum),
         cmocka_unit_test(flow_equals_cut),
@@ -762,6 +823,7 @@ int main(void) {
         cmocka_unit_test(bad_input_is_refused),
         cmocka_unit_test(garments_reach_proven_optima),
         cmocka_unit_test(small_budgets_stay_valid),
+        cmocka_unit_test(time_limits_stay_valid),
         cmocka_unit_test(same_bytes_for_any_threads),
         cmocka_unit_test(survives_lack_of_memory),
         cmocka_unit_test(can_be_cancelled),

@@ -6,18 +6,26 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define SETTING(member, kind, default_, min_, max_, unit_, help_)                                  \
+#define SETTING_OR(member, kind, default_, min_, max_, unit_, help_, zero_)                        \
     {                                                                                              \
         .name = #member, .type = PC_FIELD_##kind, .offset = offsetof(cli_settings, member),        \
         .default_value = (default_), .minimum = (min_), .maximum = (max_), .unit = (unit_),        \
-        .help = (help_)                                                                            \
+        .help = (help_), .zero = (zero_)                                                           \
     }
+#define SETTING(member, kind, default_, min_, max_, unit_, help_)                                  \
+    SETTING_OR(member, kind, default_, min_, max_, unit_, help_, NULL)
 
 static const char *const part_choices[] = {"together", "separate", NULL};
 static const pc_field settings_fields[] = {
     SETTING(threads, UINT, 0, 0, 256, "", "Threads; 0 means one per core"),
     SETTING(import_memory, UINT, 4096, 16, 1048576, "MiB", "Memory that reading a file may use"),
     SETTING(import_seconds, DOUBLE, 60, 0.01, 86400, "s", "Time that reading a file may take"),
+    SETTING_OR(jobs, UINT, 0, 1, 256, "", "Garments at once; auto: one per core", "auto"),
+    SETTING_OR(garment_memory, UINT, 0, 64, 1048576, "MiB",
+               "Memory that a garment may use; auto: the machine's over --jobs", "auto"),
+    SETTING(garment_seconds, DOUBLE, 3600, 0.01, 604800, "s", "Time that a garment may take"),
+    SETTING(garment_cpu_seconds, DOUBLE, 3600, 1, 604800, "s",
+            "Processor time that a garment may use"),
     {.name = "parts",
      .type = PC_FIELD_CHOICE,
      .offset = offsetof(cli_settings, parts),
@@ -32,6 +40,9 @@ static const pc_field settings_fields[] = {
     SETTING(json, BOOL, 0, 0, 1, "", "Print JSON"),
     SETTING(motion, BOOL, 0, 0, 1, "",
             "Measure the weights of an asset on a wind they have not seen"),
+    SETTING(dry_run, BOOL, 0, 0, 1, "", "Tell what would be done, and do nothing"),
+    SETTING(force, BOOL, 0, 0, 1, "", "Convert again what is up to date"),
+    SETTING(retry_failed, BOOL, 0, 0, 1, "", "Try again what failed with the same input"),
     SETTING(quiet, BOOL, 0, 0, 1, "", "Print errors only"),
     SETTING(verbose, BOOL, 0, 0, 1, "", "Print more about each stage"),
 };
@@ -50,6 +61,14 @@ static bool accepts_setting(const cli_command *command, const pc_field *field) {
         return (command->accepts & CLI_JSON) != 0;
     case offsetof(cli_settings, parts):
         return (command->accepts & CLI_PARTS) != 0;
+    case offsetof(cli_settings, jobs):
+    case offsetof(cli_settings, garment_memory):
+    case offsetof(cli_settings, garment_seconds):
+    case offsetof(cli_settings, garment_cpu_seconds):
+    case offsetof(cli_settings, dry_run):
+    case offsetof(cli_settings, force):
+    case offsetof(cli_settings, retry_failed):
+        return (command->accepts & CLI_BATCH) != 0;
     case offsetof(cli_settings, motion):
         return (command->accepts & CLI_MOTION) != 0;
     case offsetof(cli_settings, png):
@@ -129,6 +148,9 @@ static int unknown_option(const cli_command *command, const char *name, const ch
     if ((command->accepts & CLI_SCENARIO) != 0) {
         cli_guess_add(&guess, "scenario");
     }
+    if ((command->accepts & CLI_BATCH) != 0) {
+        cli_guess_add(&guess, "shard");
+    }
     if (guess.best[0] != '\0') {
         return cli_fail(command->name, CLI_USAGE, "no option --%s%s; did you mean --%s%s?", no,
                         name, no, guess.best);
@@ -192,7 +214,8 @@ static int match_text(const cli_command *command, cli_arguments *arguments, flag
     const bool lp = strcmp(flag->name, "write-lp") == 0 && (command->accepts & CLI_WRITE_LP) != 0;
     const bool scenario =
         strcmp(flag->name, "scenario") == 0 && (command->accepts & CLI_SCENARIO) != 0;
-    if ((!output && !name && !mesh && !lp && !scenario) || flag->negated) {
+    const bool shard = strcmp(flag->name, "shard") == 0 && (command->accepts & CLI_BATCH) != 0;
+    if ((!output && !name && !mesh && !lp && !scenario && !shard) || flag->negated) {
         return CLI_OK;
     }
     flag->known = true;
@@ -208,6 +231,8 @@ static int match_text(const cli_command *command, cli_arguments *arguments, flag
         arguments->lp = text;
     } else if (scenario) {
         arguments->scenario = text;
+    } else if (shard) {
+        arguments->shard = text;
     } else {
         arguments->patterns[arguments->pattern_count++] = text;
     }
@@ -385,12 +410,14 @@ int cli_parse(const cli_command *command, int count, char **words, cli_arguments
     pc_record_set_defaults(&cli_settings_record, &arguments->settings);
     pc_record_set_defaults(&pc_evaluate_motion_options_record, &arguments->motion);
     arguments->patterns = calloc((size_t)count + 1, sizeof(*arguments->patterns));
+    arguments->inputs = calloc((size_t)count + 1, sizeof(*arguments->inputs));
     // One thread: the parsing context must not start any (files are imported in a fork).
     const pc_context_options options = {.threads = 1};
     pc_context *context = NULL;
     int code = CLI_FAILED;
-    if (arguments->patterns == NULL || pc_context_create(&options, &context) != PC_OK) {
-        code = cli_fail(command->name, CLI_FAILED, "memory ran out");
+    if (arguments->patterns == NULL || arguments->inputs == NULL ||
+        pc_context_create(&options, &context) != PC_OK) {
+        code = cli_fail(command->name, CLI_LIMIT, "memory ran out");
     } else {
         code = read_scenario_options(command, context, count, words, arguments);
         if (code == CLI_OK) {
@@ -403,5 +430,7 @@ int cli_parse(const cli_command *command, int count, char **words, cli_arguments
 
 void cli_arguments_free(cli_arguments *arguments) {
     free(arguments->patterns);
+    free(arguments->inputs);
     arguments->patterns = NULL;
+    arguments->inputs = NULL;
 }

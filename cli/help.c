@@ -11,7 +11,9 @@ static const char exit_codes[] = "Exit codes:\n"
                                  "    3  an input cannot be read or processed\n"
                                  "    4  an output cannot be written\n"
                                  "    5  internal error\n"
-                                 "    6  the importer crashed or hit a limit of time or memory\n"
+                                 "    6  the importer crashed\n"
+                                 "    7  a limit of time or memory was hit\n"
+                                 "   75  failed for now: another try may help\n"
                                  "  130  interrupted\n";
 
 static void print_line(const char *left, const char *help, const char *note) {
@@ -85,6 +87,16 @@ void cli_print_help(const cli_command *command) {
     }
     if ((command->accepts & CLI_PARTS) != 0) {
         print_setting("parts");
+    }
+    if ((command->accepts & CLI_BATCH) != 0) {
+        print_line("--shard I/N", "Convert every N-th garment only, from the I-th on", "");
+        print_setting("jobs");
+        print_setting("garment_memory");
+        print_setting("garment_seconds");
+        print_setting("garment_cpu_seconds");
+        print_setting("dry_run");
+        print_setting("force");
+        print_setting("retry_failed");
     }
     if ((command->accepts & CLI_SCENARIO) != 0) {
         print_line("--scenario FILE.json", "What the proxy goes through: winds, pins, attachment,",

@@ -20,10 +20,12 @@
 #define LIMIT_MEMORY 1
 #endif
 
-static void limit(int resource, double soft, double hard) {
+static void set_limits(int resource, double soft, double hard) {
     const struct rlimit both = {.rlim_cur = (rlim_t)soft, .rlim_max = (rlim_t)hard};
     (void)setrlimit((__rlimit_resource_t)resource, &both);
 }
+
+void child_limit(int resource, double amount) { set_limits(resource, amount, amount); }
 
 pid_t child_fork(void) {
     static const int signals[] = {SIGINT, SIGTERM, SIGHUP, SIGPIPE};
@@ -48,17 +50,17 @@ pid_t child_fork(void) {
     sigset_t none;
     sigemptyset(&none);
     (void)sigprocmask(SIG_SETMASK, &none, NULL);
-    limit(RLIMIT_CORE, 0.0, 0.0);
+    child_limit(RLIMIT_CORE, 0.0);
     return 0;
 }
 
 void child_limit_seconds(double cpu_seconds) {
     // At the soft limit comes SIGXCPU, which tells the reason; at the hard one SIGKILL.
-    limit(RLIMIT_CPU, ceil(cpu_seconds), ceil(cpu_seconds) + 1.0);
+    set_limits(RLIMIT_CPU, ceil(cpu_seconds), ceil(cpu_seconds) + 1.0);
 }
 
 void child_limit_memory(int resource, uint32_t mebibytes) {
     if (LIMIT_MEMORY) {
-        limit(resource, (double)mebibytes * 1048576.0, (double)mebibytes * 1048576.0);
+        child_limit(resource, (double)mebibytes * 1048576.0);
     }
 }

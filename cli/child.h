@@ -10,6 +10,7 @@
 pid_t child_fork(void);
 
 // In the child: limits of itself and its children.
+void child_limit(int resource, double amount);
 void child_limit_seconds(double cpu_seconds);
 void child_limit_memory(int resource, uint32_t mebibytes);
 

@@ -26,8 +26,10 @@ _Noreturn static void run_child(const cli_settings *settings, const char *path, 
         dup2(null, STDOUT_FILENO);
         dup2(null, STDERR_FILENO);
     }
+    child_limit(RLIMIT_FSIZE, 0.0); // also where scene_isolate is not available; pipes have no size
     child_limit_seconds(settings->import_seconds);
     child_limit_memory(RLIMIT_AS, settings->import_memory);
+    (void)scene_isolate(descriptor);
     _exit(scene_read(path, format, descriptor));
 }
 

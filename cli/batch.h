@@ -59,7 +59,7 @@ typedef struct batch_ending {
     double seconds, cpu_seconds, peak_mib;
 } batch_ending;
 
-// What decides on the bytes of the results besides the input, for people.
+// The options as --print-options writes them; NULL when memory ran out.
 cJSON *batch_options(const cli_arguments *arguments);
 
 // Whether another try may go better without any change.

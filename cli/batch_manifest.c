@@ -76,6 +76,36 @@ static int take_mesh(const manifest_line *line, batch_job *job) {
     return CLI_OK;
 }
 
+// "options": as in an options file; they override those of the command line.
+static int take_options(const manifest_line *line, batch_job *job) {
+    const cJSON *options = cJSON_GetObjectItemCaseSensitive(line->object, "options");
+    if (options == NULL) {
+        return CLI_OK;
+    }
+    const char *command = line->plan->command->name;
+    char name[4200];
+    snprintf(name, sizeof(name), "%s:%zu", line->manifest, line->number);
+    pc_option_group groups[CLI_OPTION_GROUPS];
+    cli_option_groups(&job->arguments, groups);
+    const pc_context_options serial = {.threads = 1};
+    pc_context *context = NULL;
+    char *text = cJSON_PrintUnformatted(options);
+    int code = CLI_OK;
+    if (text == NULL || pc_context_create(&serial, &context) != PC_OK) {
+        code = cli_fail(command, CLI_LIMIT, "memory ran out");
+    } else if (pc_options_parse(context, text, strlen(text), name, groups, CLI_OPTION_GROUPS) !=
+               PC_OK) {
+        code = cli_fail(command, CLI_USAGE, "%s", pc_context_error(context)->message);
+    }
+    const cJSON *simplify = cJSON_GetObjectItemCaseSensitive(options, "simplify");
+    if (cJSON_HasObjectItem(options, "vertices") || cJSON_HasObjectItem(simplify, "vertices")) {
+        job->arguments.level_count = 0; // one level, not those of the command line
+    }
+    cJSON_free(text);
+    pc_context_destroy(context);
+    return code;
+}
+
 static char *resolve(const char *manifest, const char *path) {
     const char *slash = strrchr(manifest, '/');
     const size_t length = path[0] == '/' || slash == NULL ? 0 : (size_t)(slash - manifest) + 1;
@@ -109,7 +139,9 @@ static int take_line(manifest_line *line) {
     job->line = line->number;
     job->entry = line->object;
     line->object = NULL; // the job owns it
-    return take_mesh(&(manifest_line){line->plan, line->manifest, line->number, job->entry}, job);
+    const manifest_line taken = {line->plan, line->manifest, line->number, job->entry};
+    code = take_mesh(&taken, job);
+    return code == CLI_OK ? take_options(&taken, job) : code;
 }
 
 static bool is_blank(const char *text) { return text[strspn(text, " \t\r\n")] == '\0'; }

@@ -113,18 +113,31 @@ static int hash_input(const batch_job *job, char text[65], char *message, size_t
 }
 
 cJSON *batch_options(const cli_arguments *arguments) {
-    cJSON *object = cJSON_CreateObject();
-    for (pc_stage stage = 0; stage < PC_STAGE_COUNT; ++stage) {
-        const pc_stage_info *info = pc_stage_describe(stage);
-        json_record(json_object(object, info->name), info->options,
-                    (const char *)&arguments->options + info->options_offset);
+    cli_arguments copy = *arguments;
+    pc_option_group groups[CLI_OPTION_GROUPS];
+    cli_option_groups(&copy, groups);
+    const pc_context_options serial = {.threads = 1};
+    pc_context *context = NULL;
+    char *text = NULL;
+    cJSON *options = NULL;
+    if (pc_context_create(&serial, &context) == PC_OK &&
+        pc_options_print(context, groups, CLI_OPTION_GROUPS, &text) == PC_OK) {
+        options = cJSON_Parse(text);
     }
-    return object;
+    pc_release(context, text);
+    pc_context_destroy(context);
+    return options;
 }
 
+// A hash of everything that decides on the bytes of the results, besides the input.
 static bool hash_options(const batch_job *job, char text[65]) {
+    static const char *const without_effect[] = {"threads", "import_memory", "import_seconds"};
     const cli_arguments *arguments = &job->arguments;
-    cJSON *object = batch_options(arguments);
+    cJSON *object = batch_options(arguments), *program;
+    program = cJSON_GetObjectItemCaseSensitive(object, "program");
+    for (size_t i = 0; i < sizeof(without_effect) / sizeof(without_effect[0]); ++i) {
+        cJSON_DeleteItemFromObjectCaseSensitive(program, without_effect[i]);
+    }
     char *options = object != NULL ? cJSON_PrintUnformatted(object) : NULL;
     cJSON_Delete(object);
     if (options == NULL) {
@@ -134,9 +147,6 @@ static bool hash_options(const batch_job *job, char text[65]) {
     sha256_begin(&hash);
     sha256_add(&hash, options, strlen(options));
     cJSON_free(options);
-    const cli_settings *settings = &arguments->settings;
-    const uint32_t numbers[] = {settings->png, settings->strip, settings->parts};
-    sha256_add(&hash, numbers, sizeof(numbers));
     sha256_add(&hash, arguments->levels, arguments->level_count * sizeof(arguments->levels[0]));
     for (size_t i = 0; i < arguments->pattern_count; ++i) {
         sha256_add(&hash, arguments->patterns[i], strlen(arguments->patterns[i]) + 1);

@@ -115,8 +115,8 @@ bool pci_matches(const char *pattern, const char *text);
 // The rigid map of the attachment at a time.
 void pci_rigid_at(const pc_attachment *attachment, double scale, double time, pci_map *map);
 
-// Joints and weights of the pinned vertices, 4 by vertex; from the nearest point of the visual
-// mesh, or of the body. PC_ERROR_INVALID_OPTIONS when neither is skinned.
+// Joints and weights of the pinned vertices, 4 by vertex: from the nearest point of the visual
+// mesh, or carried over from the body where that has none. PC_ERROR_INVALID_OPTIONS when neither is skinned.
 typedef struct pci_binding {
     uint32_t *joints;
     double *weights;

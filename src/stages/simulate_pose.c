@@ -1,5 +1,6 @@
 // Rigid motions, and the joints that pinned vertices follow.
 #include "core/bvh.h"
+#include "core/transfer.h"
 #include "stages/simulate_internal.h"
 
 static const char stage[] = "simulate";
@@ -60,50 +61,29 @@ void pci_rigid_at(const pc_attachment *attachment, double scale, double time, pc
 // ---- joints of pinned vertices
 // --------------------------------------------------------------------
 
-// A skinned mesh as a source of weights: of the visual mesh per corner, of the body per vertex.
-typedef struct weight_source {
-    const pc_mesh *mesh;
-    const uint32_t *corners; // #F by 3, rows of joints and weights
-    const uint32_t *joints;
-    const float *weights;
-} weight_source;
-
 // Weights at a point: those of the corners of its triangle, mixed; of the joints found, the four
 // with the largest weights.
-static void weights_at(const weight_source *source, const pci_closest *closest, uint32_t *joints,
+static void weights_at(const pc_visual *visual, const pci_closest *closest, uint32_t *joints,
                        double *weights) {
     uint32_t found[12];
     double sums[12];
     size_t count = 0;
     for (size_t c = 0; c < 3; ++c) {
-        const size_t row = source->corners[3 * (size_t)closest->triangle + c];
+        const size_t row = visual->corner_triangles[3 * (size_t)closest->triangle + c];
         for (size_t k = 4 * row; k < 4 * row + 4; ++k) {
-            const double weight = closest->barycentric[c] * (double)source->weights[k];
+            const double weight = closest->barycentric[c] * (double)visual->joint_weights[k];
             size_t i = 0;
-            while (i < count && found[i] != source->joints[k]) {
+            while (i < count && found[i] != visual->joints[k]) {
                 ++i;
             }
             if (i == count) {
-                found[count] = source->joints[k];
+                found[count] = visual->joints[k];
                 sums[count++] = 0.0;
             }
             sums[i] += weight;
         }
     }
-    double total = 0.0;
-    for (size_t k = 0; k < 4; ++k) {
-        size_t best = 0;
-        for (size_t i = 1; i < count; ++i) {
-            best = sums[i] > sums[best] ? i : best;
-        }
-        joints[k] = found[best];
-        weights[k] = fmax(sums[best], 0.0);
-        total += weights[k];
-        sums[best] = -1.0;
-    }
-    for (size_t k = 0; k < 4; ++k) {
-        weights[k] = total > 0.0 ? weights[k] / total : 0.0;
-    }
+    pci_largest_weights(found, sums, count, joints, weights);
 }
 
 static bool any_weight(const float *weights, size_t count) {
@@ -119,15 +99,8 @@ pc_status pci_bind_pins(pci_scratch *scratch, const pc_simulate_inputs *inputs,
                         const uint8_t *pinned, pci_binding *binding) {
     const pc_visual *visual = inputs->visual;
     const pc_character *character = inputs->character;
-    weight_source source = {0};
-    if (visual != NULL && any_weight(visual->joint_weights, 4 * visual->corner_count)) {
-        source = (weight_source){&visual->surface, visual->corner_triangles, visual->joints,
-                                 visual->joint_weights};
-    } else if (character != NULL &&
-               any_weight(character->body_weights, 4 * character->body.vertex_count)) {
-        source = (weight_source){&character->body, character->body.triangles,
-                                 character->body_joints, character->body_weights};
-    } else {
+    const bool own = visual != NULL && any_weight(visual->joint_weights, 4 * visual->corner_count);
+    if (!own && (character == NULL || !pci_body_is_skinned(character))) {
         return pci_fail(scratch->context, PC_ERROR_INVALID_OPTIONS, stage,
                         "simulate: attachment: neither the garment nor the body follows the "
                         "skeleton of the input");
@@ -138,13 +111,18 @@ pc_status pci_bind_pins(pci_scratch *scratch, const pc_simulate_inputs *inputs,
     if (scratch->failed) {
         return pci_fail_memory(scratch->context, stage);
     }
+    if (!own) {
+        pci_transfer_counts counts;
+        return pci_transfer_weights(scratch->context, stage, inputs->proxy, character,
+                                    binding->joints, binding->weights, &counts);
+    }
     pci_bvh *bvh = NULL;
-    const pc_status status = pci_bvh_create(scratch->context, stage, source.mesh, &bvh);
+    const pc_status status = pci_bvh_create(scratch->context, stage, &visual->surface, &bvh);
     for (size_t v = 0; v < nv && status == PC_OK; ++v) {
         if (pinned[v]) {
             const pci_closest closest =
                 pci_bvh_closest(bvh, &inputs->proxy->positions[3 * v], INFINITY);
-            weights_at(&source, &closest, &binding->joints[4 * v], &binding->weights[4 * v]);
+            weights_at(visual, &closest, &binding->joints[4 * v], &binding->weights[4 * v]);
         }
     }
     pci_bvh_destroy(scratch->context, bvh);

@@ -192,6 +192,7 @@ int main(int argc, char **argv) {
     }
     snprintf(c.output, sizeof(c.output), "%s/out", c.folder);
     snprintf(c.messages, sizeof(c.messages), "%s/messages", c.folder);
+    (void)clear_output(&c); // of an earlier run that was interrupted
     const size_t first = strtoul(argv[3], NULL, 10), count = strtoul(argv[4], NULL, 10);
     text file = {0};
     const char *name = NULL, *extension = NULL;

@@ -87,6 +87,22 @@ static const cli_command commands_after[] = {
      .maximum_inputs = 2,
      .accepts = CLI_JSON | CLI_MESH | CLI_MOTION | CLI_SCENARIO,
      .run = cli_run_evaluate},
+    {.name = "regress",
+     .operands = "BASELINE [OUTDIR]",
+     .summary = "tell which garments got worse than in a baseline",
+     .details =
+         "Compares the reports below OUTDIR, of batch or build, with those of BASELINE: a folder\n"
+         "of the same kind, or a table. Prints every measure that got worse by more than its\n"
+         "tolerance, and garments that are missing; exit code 1 then. Without OUTDIR the measures\n"
+         "of BASELINE are printed as a table, to be kept as a baseline.\n"
+         "--tolerances overrides the table below: {\"hausdorff\": {\"absolute\": 0.01, "
+         "\"relative\":\n"
+         "0.1}, \"loss_after\": null}; null leaves a measure out.\n",
+     .example = "baseline.tsv out",
+     .minimum_inputs = 1,
+     .maximum_inputs = 2,
+     .accepts = CLI_REGRESS | CLI_JSON,
+     .run = cli_run_regress},
     {.name = "help",
      .operands = "[COMMAND]",
      .summary = "explain a command and its options",

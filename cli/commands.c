@@ -45,9 +45,10 @@ static const cli_command commands_before[] = {
          "is printed; OUTDIR/batch.json is written last. A manifest (*.jsonl) has lines such as\n"
          "{\"id\": \"cape\", \"path\": \"knight.glb\", \"mesh\": \"*Cape*\", \"options\": "
          "{\"vertices\": 64}}\n"
+         "The cores are shared: with a garment per core each gets one thread.\n"
          "Exit code 1: garments failed; 75: another run may help some of them. Many machines\n"
-         "share the work with --shard; a run without it collects one report:\n"
-         "    seq 8 | parallel proxycloth batch IN -o OUTDIR --shard {}/8 --jobs 1\n",
+         "share the work with --shard (on Slurm: data/batch.slurm); a run without it collects one\n"
+         "report: seq 8 | parallel proxycloth batch IN -o OUTDIR --shard {}/8 --jobs 1\n",
      .example = "garments/ -o out --jobs 8",
      .minimum_inputs = 1,
      .maximum_inputs = SIZE_MAX,

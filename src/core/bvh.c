@@ -325,9 +325,15 @@ static bool collect_triangle(struct RTCPointQueryFunctionArguments *arguments) {
     const pc_mesh *mesh = found->mesh;
     const uint32_t t = arguments->primID;
     double barycentric[3];
+    // Most of what comes here has a corner within the radius, which is cheaper to know.
+    bool within = false;
+    for (size_t c = 0; c < 3 && !within; ++c) {
+        within = pci_squared_distance(found->point, corner(mesh, t, c)) <= found->squared_radius;
+    }
     if (found->count <= found->capacity &&
-        pci_triangle_squared_distance(found->point, corner(mesh, t, 0), corner(mesh, t, 1),
-                                      corner(mesh, t, 2), barycentric) <= found->squared_radius) {
+        (within ||
+         pci_triangle_squared_distance(found->point, corner(mesh, t, 0), corner(mesh, t, 1),
+                                       corner(mesh, t, 2), barycentric) <= found->squared_radius)) {
         if (found->count < found->capacity) {
             found->triangles[found->count] = t;
         }

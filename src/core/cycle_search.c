@@ -8,7 +8,7 @@ enum {
     BALL = 100,        // clusters that a search among single vertices settles
     FAR = 1000,        // clusters that one among large clusters settles
     REACH = 300,       // vertices that a search for a path settles
-    FORESTS = 8,       // of clusters, in one round
+    FORESTS = 8,       // of clusters, at most, in one round
     GRAIN = 32,
     BATCH = 64 // paths that are sought at a time
 };
@@ -539,11 +539,12 @@ bool pci_cycle_search_run(pci_cycle_search *s, const uint8_t *labels, uint32_t r
                           uint64_t *work) {
     *added = 0;
     // Short cycles from single vertices; then, between large clusters without violation, long ones,
-    // along several forests, so that they do not all crowd on the same few edges.
+    // along several forests, so that they do not all crowd on the same few edges. The first rounds
+    // find enough with fewer.
     s->max_settled = BALL;
     bool ok = search(s, labels, -1.0F, round, added);
     s->max_settled = FAR;
-    for (uint32_t k = 0; k < FORESTS && ok; ++k) {
+    for (uint32_t k = 0; k < FORESTS && k <= round && ok; ++k) {
         ok = search(s, labels, NEGLIGIBLE, FORESTS * round + k, added);
     }
     ok = ok && search_paths(s, labels, round, added);

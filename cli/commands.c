@@ -26,17 +26,42 @@ static const cli_command commands_before[] = {
                 "stay with what they lie on.\n"
                 "OBJ, PLY and STL files hold neither unit nor up axis and are taken as they are;\n"
                 "see --up-axis. FBX and DAE files are converted to metres and y up.\n",
+     .example = "jacket.fbx -o out --vertices 256",
      .minimum_inputs = 1,
      .maximum_inputs = 1,
-     .accepts = CLI_OUTPUT_FOLDER | CLI_NAME | CLI_MESH | CLI_PNG | CLI_SCENARIO | CLI_PARTS,
+     .accepts =
+         CLI_OUTPUT_FOLDER | CLI_NAME | CLI_MESH | CLI_PNG | CLI_SCENARIO | CLI_PARTS | CLI_OPTIONS,
      .stages = all_stages,
      .run = cli_run_build},
+    {.name = "batch",
+     .operands = "IN... -o OUTDIR",
+     .summary = "convert many garments, several at once",
+     .details =
+         "IN is a file, a folder, a glob or a manifest. Each garment gets a process of its own "
+         "with\n"
+         "limits of memory and time, and a folder OUTDIR/garments/ID that arrives complete. What\n"
+         "is up to date, by the content of the input, the options and the version, is left alone:\n"
+         "run the same command again to go on after an interruption. One line of JSON per garment\n"
+         "is printed; OUTDIR/batch.json is written last. A manifest (*.jsonl) has lines such as\n"
+         "{\"id\": \"cape\", \"path\": \"knight.glb\", \"mesh\": \"*Cape*\", \"options\": "
+         "{\"vertices\": 64}}\n"
+         "Exit code 1: garments failed; 75: another run may help some of them. Many machines\n"
+         "share the work with --shard; a run without it collects one report:\n"
+         "    seq 8 | parallel proxycloth batch IN -o OUTDIR --shard {}/8 --jobs 1\n",
+     .example = "garments/ -o out --jobs 8",
+     .minimum_inputs = 1,
+     .maximum_inputs = SIZE_MAX,
+     .accepts = CLI_OUTPUT_FOLDER | CLI_MESH | CLI_PNG | CLI_SCENARIO | CLI_PARTS | CLI_OPTIONS |
+                CLI_BATCH,
+     .stages = all_stages,
+     .run = cli_run_batch},
 };
 
 static const cli_command commands_after[] = {
     {.name = "export",
      .operands = "ASSET -o OUTDIR",
      .summary = "finished asset file -> glb, proxy.obj, json and png",
+     .example = "jacket.h5 -o out",
      .minimum_inputs = 1,
      .maximum_inputs = 1,
      .accepts = CLI_OUTPUT_FOLDER | CLI_NAME | CLI_PNG,
@@ -44,6 +69,7 @@ static const cli_command commands_after[] = {
     {.name = "info",
      .operands = "FILE",
      .summary = "list what a mesh, scene or asset file holds",
+     .example = "character.glb",
      .minimum_inputs = 1,
      .maximum_inputs = 1,
      .accepts = CLI_JSON | CLI_MESH,
@@ -56,6 +82,7 @@ static const cli_command commands_after[] = {
          "--motion simulates the proxy of ASSET in another wind and compares its weights, those\n"
          "in WEIGHTS.glb (of any program; one joint where each proxy vertex rests), and weights\n"
          "without optimisation: inverse distance, closest triangle, the same smoothed.\n",
+     .example = "jacket.obj out/jacket.proxy.obj",
      .minimum_inputs = 1,
      .maximum_inputs = 2,
      .accepts = CLI_JSON | CLI_MESH | CLI_MOTION | CLI_SCENARIO,
@@ -63,14 +90,33 @@ static const cli_command commands_after[] = {
     {.name = "help",
      .operands = "[COMMAND]",
      .summary = "explain a command and its options",
+     .example = "build",
      .maximum_inputs = 1,
      .run = cli_run_help},
+    {.name = "completion",
+     .operands = "",
+     .summary = "print a script that completes commands and options in bash",
+     .details = "eval \"$(proxycloth completion)\" in ~/.bashrc, or save it to\n"
+                "/etc/bash_completion.d/proxycloth.\n",
+     .run = cli_run_completion},
     {.name = "version", .operands = "", .summary = "print the version", .run = run_version},
 };
 
 enum {
     before_count = sizeof(commands_before) / sizeof(commands_before[0]),
     after_count = sizeof(commands_after) / sizeof(commands_after[0])
+};
+
+static const char *const stage_examples[PC_STAGE_COUNT] = {
+    [PC_STAGE_VOXELIZE] = "jacket.obj -o jacket.h5 --voxels 64",
+    [PC_STAGE_ISOSURFACE] = "jacket.h5",
+    [PC_STAGE_PROJECT] = "jacket.h5 --projection-solver cholesky",
+    [PC_STAGE_GRAPH] = "jacket.h5 --tube-aspect 2",
+    [PC_STAGE_LABEL] = "jacket.h5 --lambda-smooth 3 --write-lp jacket.lp",
+    [PC_STAGE_CARVE] = "jacket.h5 --carve",
+    [PC_STAGE_SIMPLIFY] = "jacket.h5 --vertices 64,128,512",
+    [PC_STAGE_SIMULATE] = "jacket.h5 --scenario cape.json",
+    [PC_STAGE_SKIN] = "jacket.h5 --influences 8",
 };
 
 static cli_command stage_command(pc_stage stage) {
@@ -80,9 +126,10 @@ static cli_command stage_command(pc_stage stage) {
                            .summary = info->summary,
                            .details = "Writes the result back into ASSET, or to the file behind "
                                       "-o. Results of later\nstages are dropped.\n",
+                           .example = stage_examples[stage],
                            .minimum_inputs = 1,
                            .maximum_inputs = 1,
-                           .accepts = CLI_OUTPUT_FILE,
+                           .accepts = CLI_OUTPUT_FILE | CLI_OPTIONS,
                            .stages = 1u << stage,
                            .stage = stage,
                            .run = cli_run_stage};

@@ -30,6 +30,8 @@ typedef struct scene_animation {
 typedef struct scene_joint {
     char name[PC_NAME_SIZE];
     double center[3]; // in the rest pose
+    uint32_t parent;  // an earlier joint, or PC_INVALID_INDEX
+    uint32_t reserved;
 } scene_joint;
 
 typedef struct scene_header {
@@ -66,7 +68,7 @@ typedef struct scene_failure {
     char message[256];
 } scene_failure;
 
-#define SCENE_MAGIC         "PCSCENE2"
+#define SCENE_MAGIC         "PCSCENE3"
 #define SCENE_FAILURE_MAGIC "PCFAIL_1"
 
 // Byte offsets of the arrays behind the header, in the order of `scene`; the last one is the size
@@ -118,6 +120,9 @@ typedef enum scene_format {
 // File extension that selects assimp's importer, and the format's name for people.
 const char *scene_format_extension(scene_format format);
 const char *scene_format_name(scene_format format);
+
+// Whether a file's extension is that of a mesh or scene.
+bool scene_named_like_one(const char *path);
 
 // Recognises a file by its first bytes and its extension. Prints the message on failure.
 int scene_sniff(const char *command, const char *path, scene_format *format);

@@ -41,10 +41,12 @@
 #include "proxycloth/skin.h"
 #include "proxycloth/voxelize.h"
 
+#include "proxycloth/options_file.h"
 #include "proxycloth/pipeline.h"
 
 #include "proxycloth/asset_file.h"
 #include "proxycloth/baselines.h"
+#include "proxycloth/body.h"
 #include "proxycloth/deform.h"
 #include "proxycloth/evaluate.h"
 #include "proxycloth/evaluate_motion.h"

@@ -110,6 +110,9 @@ int cli_run_stage(const cli_command *command, cli_arguments *arguments);
 int cli_run_export(const cli_command *command, cli_arguments *arguments);
 int cli_run_info(const cli_command *command, cli_arguments *arguments);
 int cli_run_evaluate(const cli_command *command, cli_arguments *arguments);
+int cli_run_report(const cli_command *command, cli_arguments *arguments);
+// Writes the page over all results in a folder. `file` NULL: FOLDER/report.html, with links.
+int cli_write_page(const cli_command *command, const char *folder, const char *file);
 // evaluate --motion
 int cli_evaluate_motion(const cli_command *command, const cli_arguments *arguments);
 

@@ -68,7 +68,7 @@ void cli_print_help(const cli_command *command) {
         print_line("-o, --output OUTDIR", "Folder for the results; made when missing", "");
     }
     if ((command->accepts & CLI_OUTPUT_FILE) != 0) {
-        print_line("-o, --output ASSET", "Asset file to write", "");
+        print_line("-o, --output FILE", "File to write", "");
     }
     if ((command->accepts & CLI_WRITE_LP) != 0) {
         print_line("--write-lp FILE", "Write the integer program too, in CPLEX LP format", "");

@@ -61,6 +61,18 @@ static const cli_command commands_after[] = {
      .maximum_inputs = 2,
      .accepts = CLI_JSON | CLI_MESH | CLI_MOTION | CLI_SCENARIO,
      .run = cli_run_evaluate},
+    {.name = "report",
+     .operands = "FOLDER [-o FILE.html]",
+     .summary = "one HTML page over all results in a folder",
+     .details =
+         "Contact sheets by their worst measure, measures, histograms, times, warnings, failures\n"
+         "and options of what build or batch wrote into FOLDER and the folders in it. The page\n"
+         "needs no other file and no network; FOLDER/report.html also links to the results. With\n"
+         "many garments it holds thumbnails.\n",
+     .minimum_inputs = 1,
+     .maximum_inputs = 1,
+     .accepts = CLI_OUTPUT_FILE,
+     .run = cli_run_report},
     {.name = "help",
      .operands = "[COMMAND]",
      .summary = "explain a command and its options",

@@ -37,8 +37,9 @@ PC_NODISCARD pc_status pc_export_obj(pc_context *context, const pc_mesh *mesh, c
 
 /// Writes the report of the stages done as JSON. Keys: schema (1), versions, name, stage_count,
 /// visual.report, stages.STAGE.options and .report, warnings (stage, field, count, message), label
-/// (outcome, objective, bound, gap), measures, losses.before and .after (total, rigid, collision,
-/// attachment), timings (seconds per stage and total). Only `timings` differs between two runs on
+/// (outcome, objective, bound, gap), measures, histograms.SHAPE (maximum, counts; the triangles of the
+/// proxy, see pc_evaluate_shape), losses.before and .after (total, rigid, collision, attachment),
+/// timings (seconds per stage and total). Only `timings` differs between two runs on
 /// the same input. Numbers that are not finite are null.
 /// @param[in] measures  NULL: no measures.
 /// @param[in] timings   NULL: no seconds.

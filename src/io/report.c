@@ -85,6 +85,18 @@ static void add_label(pci_json *json, const pc_label_report *report) {
     }
 }
 
+static void add_histograms(pci_json *json, const pc_histogram histograms[PC_SHAPE_COUNT]) {
+    cJSON *object = pci_json_object(json, json->root, "histograms");
+    for (size_t i = 0; i < PC_SHAPE_COUNT; ++i) {
+        cJSON *histogram = pci_json_object(json, object, histograms[i].name);
+        pci_json_number(json, histogram, "maximum", histograms[i].maximum);
+        cJSON *counts = pci_json_array(json, histogram, "counts");
+        for (size_t bin = 0; bin < PC_HISTOGRAM_BINS; ++bin) {
+            pci_json_count(json, counts, NULL, histograms[i].counts[bin]);
+        }
+    }
+}
+
 static void add_loss(pci_json *json, cJSON *losses, const char *name, double total, double rigid,
                      double collision, double attachment) {
     cJSON *loss = pci_json_object(json, losses, name);
@@ -105,7 +117,7 @@ static void add_timings(pci_json *json, const pc_timings *timings) {
 }
 
 static void build(pci_json *json, const pc_asset *asset, const pc_measures *measures,
-                  const pc_timings *timings) {
+                  const pc_histogram *histograms, const pc_timings *timings) {
     const pc_skin_report *skin = &asset->reports.skin;
     pci_json_count(json, json->root, "schema", REPORT_SCHEMA);
     add_versions(json);
@@ -118,6 +130,7 @@ static void build(pci_json *json, const pc_asset *asset, const pc_measures *meas
     }
     if (measures != NULL) {
         pci_json_record(json, json->root, "measures", &pc_measures_record, measures);
+        add_histograms(json, histograms);
     }
     if (asset->stage_count > PC_STAGE_SKIN) {
         cJSON *losses = pci_json_object(json, json->root, "losses");
@@ -141,9 +154,16 @@ pc_status pc_export_report(pc_context *context, const pc_asset *asset, const pc_
         return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, STAGE,
                         STAGE ": a report needs an asset and a path");
     }
+    pc_histogram histograms[PC_SHAPE_COUNT] = {0};
+    if (measures != NULL) {
+        const pc_status status = pc_evaluate_shape(context, &asset->proxy, histograms);
+        if (status != PC_OK) {
+            return status;
+        }
+    }
     pci_json json;
     pci_json_begin(&json);
-    build(&json, asset, measures, timings);
+    build(&json, asset, measures, histograms, timings);
     char *text = pci_json_print(&json, true);
     pci_atomic_file file;
     pc_status status = text != NULL ? pci_atomic_begin(context, STAGE, path, &file)

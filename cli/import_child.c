@@ -47,10 +47,12 @@ _Noreturn static void run_child(const cli_settings *settings, const char *path, 
         dup2(null, STDERR_FILENO);
     }
     limit(RLIMIT_CORE, 0.0);
+    limit(RLIMIT_FSIZE, 0.0); // also where scene_isolate is not available; pipes have no size
     limit(RLIMIT_CPU, ceil(settings->import_seconds));
     if (LIMIT_ADDRESSES) {
         limit(RLIMIT_AS, (double)settings->import_memory * 1048576.0);
     }
+    (void)scene_isolate(descriptor);
     _exit(scene_read(path, format, descriptor));
 }
 

@@ -32,11 +32,14 @@ typedef struct cli_settings {
     bool strip;
     bool json;
     bool motion;
+    bool print_options;
     bool quiet;
     bool verbose;
 } cli_settings;
 
 extern const pc_record cli_settings_record;
+// Those that an options file may hold, under "program": the first fields of the same struct.
+extern const pc_record cli_file_settings_record;
 
 // Which options a command accepts, besides --help, --quiet, --verbose and --threads.
 typedef enum cli_accepts {
@@ -49,7 +52,9 @@ typedef enum cli_accepts {
     CLI_MOTION = 1 << 6,        // --motion and its options
     CLI_SCENARIO = 1 << 7,      // --scenario
     CLI_WRITE_LP = 1 << 8,      // --write-lp
-    CLI_PARTS = 1 << 9          // --parts
+    CLI_PARTS = 1 << 9,         // --parts
+    CLI_OPTIONS = 1 << 10,      // --options, --preset, --print-options
+    CLI_OUTPUT_PAGE = 1 << 12   // -o FILE.html
 } cli_accepts;
 
 enum { CLI_MAXIMUM_LEVELS = 16 };
@@ -57,10 +62,12 @@ enum { CLI_MAXIMUM_LEVELS = 16 };
 typedef struct cli_arguments {
     const char *inputs[2];
     size_t input_count;
-    const char *output;   // NULL: not given
-    const char *name;     // NULL: not given
-    const char *scenario; // file; its options are in `options`, flags override them
-    const char *lp;       // NULL: not given
+    const char *output; // NULL: not given, here and below
+    const char *name;
+    const char *preset; // its options are in `options`, as are those of the files below,
+    const char *options_file;
+    const char *scenario; // each overriding the one before; flags override them all
+    const char *lp;
     const char **patterns;
     size_t pattern_count;
     bool help;
@@ -76,12 +83,28 @@ typedef struct cli_command {
     const char *operands; // as shown in the usage line
     const char *summary;
     const char *details; // more lines for `help COMMAND`
+    const char *example; // arguments of a run that makes sense
     size_t minimum_inputs, maximum_inputs;
     unsigned accepts; // cli_accepts
     unsigned stages;  // bit per pc_stage whose options are accepted
     pc_stage stage;   // of the commands that run one stage
     int (*run)(const struct cli_command *command, cli_arguments *arguments);
 } cli_command;
+
+// A flag that takes a text.
+typedef struct cli_text_flag {
+    const char *name;
+    const char *value; // what help texts call its value
+    const char *help;  // one sentence
+    unsigned accepts;  // cli_accepts, one bit
+    size_t offset;     // in cli_arguments, of a pointer or, if repeatable, of the patterns
+    bool repeatable;
+} cli_text_flag;
+
+// The flags of a command, in the order of the help text; NULL behind the last.
+const cli_text_flag *cli_text_flag_at(const cli_command *command, size_t index);
+// The same for the settings.
+const pc_field *cli_setting_at(const cli_command *command, size_t index);
 
 // Fills `command` with the command of that name; false when there is none. Commands are numbered
 // from 0 in the order of the help text.
@@ -102,8 +125,16 @@ void cli_arguments_free(cli_arguments *arguments);
 
 // Name of the flag of a field: --NAME with dashes.
 void cli_flag_name(const pc_field *field, char flag[64]);
+// The letter of a flag ("output": 'o'), or 0.
+char cli_flag_letter(const char *name);
+
+// The groups of an options file: the stages' and the program's.
+enum { CLI_OPTION_GROUPS = PC_STAGE_COUNT + 1 };
+void cli_option_groups(cli_arguments *arguments, pc_option_group groups[CLI_OPTION_GROUPS]);
+int cli_print_options(const cli_command *command, cli_arguments *arguments);
 
 int cli_run_help(const cli_command *command, cli_arguments *arguments);
+int cli_run_completion(const cli_command *command, cli_arguments *arguments);
 void cli_print_help(const cli_command *command);
 int cli_run_build(const cli_command *command, cli_arguments *arguments);
 int cli_run_stage(const cli_command *command, cli_arguments *arguments);

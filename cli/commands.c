@@ -26,9 +26,11 @@ static const cli_command commands_before[] = {
                 "stay with what they lie on.\n"
                 "OBJ, PLY and STL files hold neither unit nor up axis and are taken as they are;\n"
                 "see --up-axis. FBX and DAE files are converted to metres and y up.\n",
+     .example = "jacket.fbx -o out --vertices 256",
      .minimum_inputs = 1,
      .maximum_inputs = 1,
-     .accepts = CLI_OUTPUT_FOLDER | CLI_NAME | CLI_MESH | CLI_PNG | CLI_SCENARIO | CLI_PARTS,
+     .accepts =
+         CLI_OUTPUT_FOLDER | CLI_NAME | CLI_MESH | CLI_PNG | CLI_SCENARIO | CLI_PARTS | CLI_OPTIONS,
      .stages = all_stages,
      .run = cli_run_build},
 };
@@ -37,6 +39,7 @@ static const cli_command commands_after[] = {
     {.name = "export",
      .operands = "ASSET -o OUTDIR",
      .summary = "finished asset file -> glb, proxy.obj, json and png",
+     .example = "jacket.h5 -o out",
      .minimum_inputs = 1,
      .maximum_inputs = 1,
      .accepts = CLI_OUTPUT_FOLDER | CLI_NAME | CLI_PNG,
@@ -44,6 +47,7 @@ static const cli_command commands_after[] = {
     {.name = "info",
      .operands = "FILE",
      .summary = "list what a mesh, scene or asset file holds",
+     .example = "character.glb",
      .minimum_inputs = 1,
      .maximum_inputs = 1,
      .accepts = CLI_JSON | CLI_MESH,
@@ -56,6 +60,7 @@ static const cli_command commands_after[] = {
          "--motion simulates the proxy of ASSET in another wind and compares its weights, those\n"
          "in WEIGHTS.glb (of any program; one joint where each proxy vertex rests), and weights\n"
          "without optimisation: inverse distance, closest triangle, the same smoothed.\n",
+     .example = "jacket.obj out/jacket.proxy.obj",
      .minimum_inputs = 1,
      .maximum_inputs = 2,
      .accepts = CLI_JSON | CLI_MESH | CLI_MOTION | CLI_SCENARIO,
@@ -70,19 +75,39 @@ static const cli_command commands_after[] = {
          "many garments it holds thumbnails.\n",
      .minimum_inputs = 1,
      .maximum_inputs = 1,
-     .accepts = CLI_OUTPUT_FILE,
+     .example = "out",
+     .accepts = CLI_OUTPUT_PAGE,
      .run = cli_run_report},
     {.name = "help",
      .operands = "[COMMAND]",
      .summary = "explain a command and its options",
+     .example = "build",
      .maximum_inputs = 1,
      .run = cli_run_help},
+    {.name = "completion",
+     .operands = "",
+     .summary = "print a script that completes commands and options in bash",
+     .details = "eval \"$(proxycloth completion)\" in ~/.bashrc, or save it to\n"
+                "/etc/bash_completion.d/proxycloth.\n",
+     .run = cli_run_completion},
     {.name = "version", .operands = "", .summary = "print the version", .run = run_version},
 };
 
 enum {
     before_count = sizeof(commands_before) / sizeof(commands_before[0]),
     after_count = sizeof(commands_after) / sizeof(commands_after[0])
+};
+
+static const char *const stage_examples[PC_STAGE_COUNT] = {
+    [PC_STAGE_VOXELIZE] = "jacket.obj -o jacket.h5 --voxels 64",
+    [PC_STAGE_ISOSURFACE] = "jacket.h5",
+    [PC_STAGE_PROJECT] = "jacket.h5 --projection-solver cholesky",
+    [PC_STAGE_GRAPH] = "jacket.h5 --tube-aspect 2",
+    [PC_STAGE_LABEL] = "jacket.h5 --lambda-smooth 3 --write-lp jacket.lp",
+    [PC_STAGE_CARVE] = "jacket.h5 --carve",
+    [PC_STAGE_SIMPLIFY] = "jacket.h5 --vertices 64,128,512",
+    [PC_STAGE_SIMULATE] = "jacket.h5 --scenario cape.json",
+    [PC_STAGE_SKIN] = "jacket.h5 --influences 8",
 };
 
 static cli_command stage_command(pc_stage stage) {
@@ -92,9 +117,10 @@ static cli_command stage_command(pc_stage stage) {
                            .summary = info->summary,
                            .details = "Writes the result back into ASSET, or to the file behind "
                                       "-o. Results of later\nstages are dropped.\n",
+                           .example = stage_examples[stage],
                            .minimum_inputs = 1,
                            .maximum_inputs = 1,
-                           .accepts = CLI_OUTPUT_FILE,
+                           .accepts = CLI_OUTPUT_FILE | CLI_OPTIONS,
                            .stages = 1u << stage,
                            .stage = stage,
                            .run = cli_run_stage};

@@ -35,6 +35,8 @@ int main(int argc, char **argv) {
     if (code == CLI_OK) {
         if (arguments.help) {
             cli_print_help(&command);
+        } else if (arguments.settings.print_options) {
+            code = cli_print_options(&command, &arguments);
         } else {
             code = command.run(&command, &arguments);
         }

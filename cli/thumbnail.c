@@ -7,7 +7,7 @@
 enum {
     CHANNELS = 3,
     MOST_PIXELS = 1 << 26,
-    STEP = 8 // of the colours; shades that differ less look the same and compress worse
+    STEP = 16 // of the colours; shades that differ less look the same and compress worse
 };
 
 // Mean of the source pixels under each target pixel.

@@ -53,6 +53,13 @@ expect 2 "an input is missing" evaluate cloth.obj
 printf '{}' >plain.json
 expect 2 "--scenario needs --motion" evaluate cloth.obj cloth.obj --scenario plain.json
 expect 2 "no option --motion" build cloth.obj --motion
+expect 2 'no preset "mobil"; did you mean mobile' build cloth.obj -o out --preset mobil
+expect 3 "no.json" build cloth.obj -o out --options no.json
+printf '{"simplify": {"vertices": 3}}' >few.json
+expect 2 "few.json: simplify.vertices: simplify: option vertices = 3 is out of range" \
+    build cloth.obj -o out --options few.json
+printf '{\n"voxels": 3,\n' >cut.json
+expect 3 "cut.json: line 2 is no valid JSON" build cloth.obj -o out --options cut.json
 expect 2 "crossing_frames = 100001 is out of range" evaluate --motion a.h5 --crossing-frames 100001
 expect 3 "cloth.obj: this is no asset file" evaluate --motion cloth.obj
 expect 2 "-o OUTDIR is missing" build cloth.obj

@@ -7,6 +7,17 @@ import { join } from 'node:path';
 export const chromium = ['chromium', 'chromium-browser', 'google-chrome']
   .find((name) => !spawnSync(name, ['--version']).error);
 
+// Helpers of a browser that has ended may still be writing into its profile.
+async function remove(profile) {
+  for (let tries = 0; tries < 100; ++tries) {
+    try {
+      return rmSync(profile, { recursive: true, force: true });
+    } catch {
+      await new Promise((resolve) => setTimeout(resolve, 100));
+    }
+  }
+}
+
 // Opens a page and calls use({ evaluate, send, problems, requests }): `evaluate` runs an expression
 // in the page, `problems` are what it wrote to the console or threw, `requests` what it asked the
 // network for besides itself and data URLs.
@@ -67,9 +78,9 @@ export async function withPage(url, flags, use) {
     await loaded;
     return await use({ evaluate, send, problems, requests });
   } finally {
-    child.kill();
+    session = undefined;
+    send('Browser.close');
     await ended;
-    // Its helpers may still be writing.
-    rmSync(profile, { recursive: true, force: true, maxRetries: 20, retryDelay: 100 });
+    await remove(profile);
   }
 }

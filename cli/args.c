@@ -22,6 +22,15 @@
       CLI_MOTION)                                                                                  \
     X(print_options, BOOL, 0, 0, 1, "",                                                            \
       "Print every option as it stands, for --options, and do nothing else", CLI_OPTIONS)          \
+    X(jobs, UINT, 0, 1, 256, "", "Garments at once; auto: one per core", CLI_BATCH)                \
+    X(garment_memory, UINT, 0, 64, 1048576, "MiB",                                                 \
+      "Memory that a garment may use; auto: the machine's over --jobs", CLI_BATCH)                 \
+    X(garment_seconds, DOUBLE, 3600, 0.01, 604800, "s", "Time that a garment may take", CLI_BATCH) \
+    X(garment_cpu_seconds, DOUBLE, 3600, 1, 604800, "s", "Processor time that a garment may use",  \
+      CLI_BATCH)                                                                                   \
+    X(dry_run, BOOL, 0, 0, 1, "", "Tell what would be done, and do nothing", CLI_BATCH)            \
+    X(force, BOOL, 0, 0, 1, "", "Convert again what is up to date", CLI_BATCH)                     \
+    X(retry_failed, BOOL, 0, 0, 1, "", "Try again what failed with the same input", CLI_BATCH)     \
     X(quiet, BOOL, 0, 0, 1, "", "Print errors only", 0)                                            \
     X(verbose, BOOL, 0, 0, 1, "", "Print more about each stage", 0)
 
@@ -35,7 +44,8 @@ static const char *const part_choices[] = {"together", "separate", NULL};
      .maximum = (max_),                                                                            \
      .unit = (unit_),                                                                              \
      .help = (help_),                                                                              \
-     .choices = PC_FIELD_##kind == PC_FIELD_CHOICE ? part_choices : NULL},
+     .choices = PC_FIELD_##kind == PC_FIELD_CHOICE ? part_choices : NULL,                          \
+     .zero = (default_) < (min_) ? "auto" : NULL},
 #define SETTING_ACCEPTS(member, kind, default_, min_, max_, unit_, help_, accepts_) accepts_,
 static const pc_field settings_fields[] = {SETTINGS(SETTING_FIELD)};
 static const unsigned settings_accepts[] = {SETTINGS(SETTING_ACCEPTS)};
@@ -62,6 +72,8 @@ static const cli_text_flag text_flags[] = {
      offsetof(cli_arguments, preset), false},
     {"options", "FILE.json", "Options from a file; those of the command line override them",
      CLI_OPTIONS, offsetof(cli_arguments, options_file), false},
+    {"shard", "I/N", "Convert every N-th garment only, from the I-th on", CLI_BATCH,
+     offsetof(cli_arguments, shard), false},
     {"scenario", "FILE.json", "What the proxy goes through: winds, pins, attachment, colliders",
      CLI_SCENARIO, offsetof(cli_arguments, scenario), false},
 };
@@ -438,7 +450,7 @@ int cli_print_options(const cli_command *command, cli_arguments *arguments) {
     }
     pc_release(context, text);
     pc_context_destroy(context);
-    return status == PC_OK ? CLI_OK : cli_fail(command->name, CLI_FAILED, "memory ran out");
+    return status == PC_OK ? CLI_OK : cli_fail(command->name, CLI_LIMIT, "memory ran out");
 }
 
 static int parse_words(const cli_command *command, pc_context *context, int count, char **words,
@@ -490,12 +502,14 @@ int cli_parse(const cli_command *command, int count, char **words, cli_arguments
     pc_record_set_defaults(&cli_settings_record, &arguments->settings);
     pc_record_set_defaults(&pc_evaluate_motion_options_record, &arguments->motion);
     arguments->patterns = calloc((size_t)count + 1, sizeof(*arguments->patterns));
+    arguments->inputs = calloc((size_t)count + 1, sizeof(*arguments->inputs));
     // One thread: the parsing context must not start any (files are imported in a fork).
     const pc_context_options options = {.threads = 1};
     pc_context *context = NULL;
     int code = CLI_FAILED;
-    if (arguments->patterns == NULL || pc_context_create(&options, &context) != PC_OK) {
-        code = cli_fail(command->name, CLI_FAILED, "memory ran out");
+    if (arguments->patterns == NULL || arguments->inputs == NULL ||
+        pc_context_create(&options, &context) != PC_OK) {
+        code = cli_fail(command->name, CLI_LIMIT, "memory ran out");
     } else {
         code = read_option_files(command, context, count, words, arguments);
         if (code == CLI_OK) {
@@ -508,5 +522,7 @@ int cli_parse(const cli_command *command, int count, char **words, cli_arguments
 
 void cli_arguments_free(cli_arguments *arguments) {
     free(arguments->patterns);
+    free(arguments->inputs);
     arguments->patterns = NULL;
+    arguments->inputs = NULL;
 }

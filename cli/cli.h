@@ -15,7 +15,9 @@ typedef enum cli_exit {
     CLI_INPUT = 3,
     CLI_OUTPUT = 4,
     CLI_INTERNAL = 5,
-    CLI_IMPORTER = 6,
+    CLI_IMPORTER = 6,   // the importer crashed
+    CLI_LIMIT = 7,      // of time or memory
+    CLI_TRANSIENT = 75, // may go well another time; EX_TEMPFAIL of sysexits.h
     CLI_INTERRUPTED = 130
 } cli_exit;
 
@@ -33,6 +35,13 @@ typedef struct cli_settings {
     bool json;
     bool motion;
     bool print_options;
+    uint32_t jobs;           // 0: one per core
+    uint32_t garment_memory; // MiB; 0: the machine's over the jobs
+    double garment_seconds;
+    double garment_cpu_seconds;
+    bool dry_run;
+    bool force;
+    bool retry_failed;
     bool quiet;
     bool verbose;
 } cli_settings;
@@ -54,13 +63,14 @@ typedef enum cli_accepts {
     CLI_WRITE_LP = 1 << 8,      // --write-lp
     CLI_PARTS = 1 << 9,         // --parts
     CLI_OPTIONS = 1 << 10,      // --options, --preset, --print-options
+    CLI_BATCH = 1 << 11,        // --jobs, --shard and the like
     CLI_OUTPUT_PAGE = 1 << 12   // -o FILE.html
 } cli_accepts;
 
 enum { CLI_MAXIMUM_LEVELS = 16 };
 
 typedef struct cli_arguments {
-    const char *inputs[2];
+    const char **inputs;
     size_t input_count;
     const char *output; // NULL: not given, here and below
     const char *name;
@@ -68,6 +78,7 @@ typedef struct cli_arguments {
     const char *options_file;
     const char *scenario; // each overriding the one before; flags override them all
     const char *lp;
+    const char *shard; // "2/5"
     const char **patterns;
     size_t pattern_count;
     bool help;
@@ -137,6 +148,7 @@ int cli_run_help(const cli_command *command, cli_arguments *arguments);
 int cli_run_completion(const cli_command *command, cli_arguments *arguments);
 void cli_print_help(const cli_command *command);
 int cli_run_build(const cli_command *command, cli_arguments *arguments);
+int cli_run_batch(const cli_command *command, cli_arguments *arguments);
 int cli_run_stage(const cli_command *command, cli_arguments *arguments);
 int cli_run_export(const cli_command *command, cli_arguments *arguments);
 int cli_run_info(const cli_command *command, cli_arguments *arguments);
@@ -163,6 +175,15 @@ int cli_fail_status(const char *command, pc_context *context, pc_status status, 
 void cli_warn_report(const char *command, const char *stage, const pc_record *record,
                      const void *report);
 
+// Shows how far a long run is, in place, where stderr is a terminal.
+__attribute__((format(printf, 1, 2))) void cli_show_progress(const char *format, ...);
+
+// Prints a line on stdout at once, for whoever reads along.
+void cli_print_line(const char *text);
+
+// Seconds of a clock that only runs forward.
+double cli_now(void);
+
 // Copies text, with control characters and bytes that are not UTF-8 replaced by '?'.
 void cli_clean_text(char *out, size_t size, const char *text);
 
@@ -171,6 +192,9 @@ void cli_clean_text(char *out, size_t size, const char *text);
 // Creates a context with callbacks for progress, messages and interruption. No thread exists before
 // this call: import files first.
 int cli_context(const cli_command *command, const cli_arguments *arguments, pc_context **context);
+
+// What of messages and progress is wanted; cli_context calls it too.
+void cli_set_messages(const cli_command *command, const cli_arguments *arguments);
 
 // From now on SIGINT, SIGTERM and SIGHUP set a flag. While the library computes, a second signal
 // ends the program at once: a long loop may not ask for progress.
@@ -219,6 +243,7 @@ typedef struct cli_output {
     size_t name_count, name_capacity;
 } cli_output;
 
+// Makes the folder, its missing parents, and the staging folder.
 int cli_output_begin(const cli_command *command, const char *folder, cli_output *output);
 // Path of a new file in the staging folder; NULL when memory ran out.
 char *cli_output_add(cli_output *output, const char *stem, const char *extension);

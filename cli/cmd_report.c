@@ -334,7 +334,8 @@ static int put_page(page_writer *w, bool links) {
     }
     fputs("]}", w->stream);
     fputs(data + sizeof(mark) - 1, w->stream);
-    if (code == CLI_OK && w->counts[KIND_REPORT] + w->counts[KIND_RECORD] == 0) {
+    if (code == CLI_OK &&
+        w->counts[KIND_REPORT] + w->counts[KIND_RECORD] + w->counts[KIND_BATCH] == 0) {
         code =
             cli_fail(w->command->name, CLI_INPUT,
                      "%s: no report of 'proxycloth build' or 'batch' is in this folder", w->folder);

@@ -33,6 +33,28 @@ static const cli_command commands_before[] = {
          CLI_OUTPUT_FOLDER | CLI_NAME | CLI_MESH | CLI_PNG | CLI_SCENARIO | CLI_PARTS | CLI_OPTIONS,
      .stages = all_stages,
      .run = cli_run_build},
+    {.name = "batch",
+     .operands = "IN... -o OUTDIR",
+     .summary = "convert many garments, several at once",
+     .details =
+         "IN is a file, a folder, a glob or a manifest. Each garment gets a process of its own "
+         "with\n"
+         "limits of memory and time, and a folder OUTDIR/garments/ID that arrives complete. What\n"
+         "is up to date, by the content of the input, the options and the version, is left alone:\n"
+         "run the same command again to go on after an interruption. One line of JSON per garment\n"
+         "is printed; OUTDIR/batch.json is written last. A manifest (*.jsonl) has lines such as\n"
+         "{\"id\": \"cape\", \"path\": \"knight.glb\", \"mesh\": \"*Cape*\", \"options\": "
+         "{\"vertices\": 64}}\n"
+         "Exit code 1: garments failed; 75: another run may help some of them. Many machines\n"
+         "share the work with --shard; a run without it collects one report:\n"
+         "    seq 8 | parallel proxycloth batch IN -o OUTDIR --shard {}/8 --jobs 1\n",
+     .example = "garments/ -o out --jobs 8",
+     .minimum_inputs = 1,
+     .maximum_inputs = SIZE_MAX,
+     .accepts = CLI_OUTPUT_FOLDER | CLI_MESH | CLI_PNG | CLI_SCENARIO | CLI_PARTS | CLI_OPTIONS |
+                CLI_BATCH,
+     .stages = all_stages,
+     .run = cli_run_batch},
 };
 
 static const cli_command commands_after[] = {

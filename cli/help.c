@@ -11,7 +11,9 @@ static const char exit_codes[] = "Exit codes:\n"
                                  "    3  an input cannot be read or processed\n"
                                  "    4  an output cannot be written\n"
                                  "    5  internal error\n"
-                                 "    6  the importer crashed or hit a limit of time or memory\n"
+                                 "    6  the importer crashed\n"
+                                 "    7  a limit of time or memory was hit\n"
+                                 "   75  failed for now: another try may help\n"
                                  "  130  interrupted\n";
 
 static void print_line(const char *left, const char *help, const char *note) {

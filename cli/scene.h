@@ -119,6 +119,9 @@ typedef enum scene_format {
 const char *scene_format_extension(scene_format format);
 const char *scene_format_name(scene_format format);
 
+// Whether a file's extension is that of a mesh or scene.
+bool scene_named_like_one(const char *path);
+
 // Recognises a file by its first bytes and its extension. Prints the message on failure.
 int scene_sniff(const char *command, const char *path, scene_format *format);
 

@@ -11,4 +11,4 @@ if(CXSparse_FOUND AND NOT TARGET CXSparse::CXSparse)
     INTERFACE_INCLUDE_DIRECTORIES ${CXSparse_INCLUDE_DIR}
     INTERFACE_LINK_LIBRARIES "${CXSparse_LIBRARY}")
 endif()
-mark_as_advanced(CXSparse_INCLUDE_DIR CXSparse_LIBRARY CXSparse_AMD_LIBRARY)
+mark_as_advanced(CXSparse_INCLUDE_DIR CXSparse_LIBRARY)

@@ -4,13 +4,6 @@
 #include <stdio.h>
 #include <string.h>
 
-static int run_version(const cli_command *command, cli_arguments *arguments) {
-    (void)command;
-    (void)arguments;
-    printf("proxycloth %s\n", pc_version());
-    return CLI_OK;
-}
-
 enum { all_stages = (1u << PC_STAGE_COUNT) - 1 };
 
 static const cli_command commands_before[] = {
@@ -112,7 +105,11 @@ static const cli_command commands_after[] = {
      .details = "eval \"$(proxycloth completion)\" in ~/.bashrc, or save it to\n"
                 "/etc/bash_completion.d/proxycloth.\n",
      .run = cli_run_completion},
-    {.name = "version", .operands = "", .summary = "print the version", .run = run_version},
+    {.name = "version",
+     .operands = "",
+     .summary = "print the version, and with --licences those of all libraries",
+     .accepts = CLI_LICENCES,
+     .run = cli_run_version},
 };
 
 enum {

@@ -1,36 +1,22 @@
 // The report as JSON. Keys are stable: they are read by scripts. Only the object `timings` differs
 // between two runs on the same input.
-#include <cs.h>
-#include <embree3/rtcore_config.h>
-#include <hdf5.h>
-#include <png.h>
-
 #include "io/atomic_file.h"
 #include "io/json.h"
 #include "proxycloth/export.h"
 #include "proxycloth/version.h"
 
-#define STAGE                       "export"
-#define REPORT_SCHEMA               1
-#define TEXT_OF(macro)              TEXT_OF_TOKEN(macro)
-#define TEXT_OF_TOKEN(token)        #token
-#define DOTTED(major, minor, patch) TEXT_OF(major) "." TEXT_OF(minor) "." TEXT_OF(patch)
+#define STAGE         "export"
+#define REPORT_SCHEMA 1
 
-// What the library was compiled with.
+// What the results depend on.
 static void add_versions(pci_json *json) {
-    static const char *const rows[][2] = {
-        {"proxycloth", PC_VERSION_STRING},
-        {"embree", RTC_VERSION_STRING},
-        {"hdf5", DOTTED(H5_VERS_MAJOR, H5_VERS_MINOR, H5_VERS_RELEASE)},
-        {"libpng", PNG_LIBPNG_VER_STRING},
-        {"cxsparse", DOTTED(CS_VER, CS_SUBVER, CS_SUBSUB)},
-        {"cjson", DOTTED(CJSON_VERSION_MAJOR, CJSON_VERSION_MINOR, CJSON_VERSION_PATCH)},
-        {"compiler", __VERSION__},
-    };
     cJSON *versions = pci_json_object(json, json->root, "versions");
-    for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); ++i) {
-        pci_json_string(json, versions, rows[i][0], rows[i][1]);
+    pci_json_string(json, versions, "proxycloth", PC_VERSION_STRING);
+    pc_dependency dependency;
+    for (size_t i = 0; pc_dependency_at(i, &dependency); ++i) {
+        pci_json_string(json, versions, dependency.name, dependency.version);
     }
+    pci_json_string(json, versions, "compiler", __VERSION__);
 }
 
 static void add_stages(pci_json *json, const pc_asset *asset) {

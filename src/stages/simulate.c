@@ -267,7 +267,8 @@ static pc_status set_up(pc_simulator *s) {
     if (!fill_cloth(s)) {
         return pci_fail_memory(s->context, stage);
     }
-    status = pci_poses_begin(scratch, &s->inputs, s->scale, &s->poses);
+    status = pci_poses_begin(scratch, stage, s->inputs.character, &s->inputs.scenario->attachment,
+                             s->scale, &s->poses);
     if (status == PC_OK && attachment->kind == PC_ATTACHMENT_CLIP) {
         status = pci_bind_pins(scratch, &s->inputs, s->pinned, &s->binding);
     }

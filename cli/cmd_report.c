@@ -39,7 +39,7 @@ typedef struct page_writer {
     size_t picture_count;
     uint64_t picture_bytes;
     uint32_t thumbnail_width; // 0: whole pictures
-    size_t counts[KIND_COUNT];
+    size_t file_count;        // in the page
 } page_writer;
 
 static int fail_memory(const page_writer *w) {
@@ -276,41 +276,44 @@ static void put_pictures(const page_writer *w, const char *path) {
     free(strip);
 }
 
+// Writes ,"log":"..." for what a garment of a batch had to say.
+static bool put_log(const page_writer *w, const char *path) {
+    static const char own[] = ".batch.json";
+    size_t size = 0;
+    char *log = ends_with(path, own) ? read_beside(w, path, own, ".log", LARGEST_LOG, &size) : NULL;
+    bool good = true;
+    if (log != NULL) {
+        fputs(",\"log\":", w->stream);
+        good = put_tree(w, cJSON_CreateString(log));
+    }
+    free(log);
+    return good;
+}
+
 // Writes one JSON file and what lies beside it, when it is one of ours.
 static int put_file(page_writer *w, const char *path) {
     size_t size = 0;
     char *text = read_beside(w, path, "", "", LARGEST_JSON, &size);
     cJSON *json = text != NULL ? cJSON_ParseWithOpts(text, NULL, true) : NULL;
     const page_kind kind = kind_of(json);
-    int code = CLI_OK;
+    cJSON_Delete(json);
+    bool good = true;
     if (kind != KIND_COUNT) {
-        size_t first = 1;
-        for (size_t i = 0; i < KIND_COUNT; ++i) {
-            first = w->counts[i] != 0 ? 0 : first;
-        }
-        fprintf(w->stream, "%s{\"kind\":\"%s\",\"path\":", first != 0 ? "\n" : ",\n",
+        fprintf(w->stream, "%s{\"kind\":\"%s\",\"path\":", w->file_count++ == 0 ? "\n" : ",\n",
                 kind_names[kind]);
-        ++w->counts[kind];
-        code = put_tree(w, cJSON_CreateString(path)) ? CLI_OK : fail_memory(w);
-        fputs(",\"content\":", w->stream);
+        good = put_tree(w, cJSON_CreateString(path));
         cJSON_Minify(text);
+        fputs(",\"content\":", w->stream);
         put_json(w, text);
-        char *log = kind == KIND_RECORD && ends_with(path, ".batch.json")
-                        ? read_beside(w, path, ".batch.json", ".log", LARGEST_LOG, &size)
-                        : NULL;
-        if (log != NULL) {
-            fputs(",\"log\":", w->stream);
-            code = code == CLI_OK && !put_tree(w, cJSON_CreateString(log)) ? fail_memory(w) : code;
-        }
-        free(log);
-        if (kind == KIND_REPORT) {
+        if (kind == KIND_RECORD) {
+            good = put_log(w, path) && good;
+        } else if (kind == KIND_REPORT) {
             put_pictures(w, path);
         }
         putc('}', w->stream);
     }
-    cJSON_Delete(json);
     free(text);
-    return code;
+    return good ? CLI_OK : fail_memory(w);
 }
 
 static int put_page(page_writer *w, bool links) {
@@ -334,8 +337,7 @@ static int put_page(page_writer *w, bool links) {
     }
     fputs("]}", w->stream);
     fputs(data + sizeof(mark) - 1, w->stream);
-    if (code == CLI_OK &&
-        w->counts[KIND_REPORT] + w->counts[KIND_RECORD] + w->counts[KIND_BATCH] == 0) {
+    if (code == CLI_OK && w->file_count == 0) {
         code =
             cli_fail(w->command->name, CLI_INPUT,
                      "%s: no report of 'proxycloth build' or 'batch' is in this folder", w->folder);

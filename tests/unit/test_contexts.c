@@ -5,6 +5,7 @@
 #include <stdatomic.h>
 
 #include "support/files.h"
+#include "support/memory.h"
 #include "support/surfaces.h"
 #include "support/test.h"
 
@@ -50,6 +51,15 @@ static void note_log(void *user, pc_log_level level, const char *stage, const ch
     (void)message;
 }
 
+static pc_options quick_options(void) {
+    pc_options options = pc_default_options();
+    options.voxelize.voxels = 12;
+    options.simplify.vertices = 30;
+    options.simulate.frames = 10;
+    options.skin.rounds = 2;
+    return options;
+}
+
 // A whole conversion, from the context to the GLB file.
 static void *convert(void *user) {
     worker *w = user;
@@ -61,11 +71,7 @@ static void *convert(void *user) {
                                          .user = w};
     pc_context *context = NULL;
     pc_asset asset = {0};
-    pc_options options = pc_default_options();
-    options.voxelize.voxels = 12;
-    options.simplify.vertices = 30;
-    options.simulate.frames = 10;
-    options.skin.rounds = 2;
+    const pc_options options = quick_options();
     w->status = pc_context_create(&settings, &context);
     if (w->status == PC_OK) {
         w->status = pc_visual_create(context, w->arrays, &asset.visual, &asset.reports.visual);
@@ -120,6 +126,43 @@ static void contexts_do_not_notice_each_other(void **state) {
     pc_context_destroy(context);
 }
 
+// A conversion that begins with `number` - 1 successful allocations ends in that error or not at
+// all, and gives everything back.
+static void memory_may_run_out_anywhere(void **state) {
+    (void)state;
+    counting_allocator counter = {0};
+    pc_context *context = counting_context(&counter);
+    pc_mesh tube = test_tube(context, 12, 8, 0.3, 1.0);
+    const pc_visual_arrays arrays = {.vertex_count = tube.vertex_count,
+                                     .positions = tube.positions,
+                                     .triangle_count = tube.triangle_count,
+                                     .triangles = tube.triangles};
+    const pc_options options = quick_options();
+    const size_t live = counter.live;
+    pc_status status = PC_ERROR_OUT_OF_MEMORY;
+    size_t number = 0, failures = 0;
+    while (status != PC_OK) {
+        pc_asset asset = {0};
+        number += number / 8 + 1;
+        fail_allocation(&counter, number);
+        status = pc_visual_create(context, &arrays, &asset.visual, &asset.reports.visual);
+        if (status == PC_OK) {
+            status = pc_build(context, &options, &asset, NULL);
+        }
+        if (status == PC_OK) {
+            status = pc_export_glb(context, &asset, "contexts_memory.glb");
+        }
+        assert_true(status == PC_OK || status == PC_ERROR_OUT_OF_MEMORY);
+        failures += status != PC_OK;
+        pc_asset_free(context, &asset);
+        assert_int_equal(counter.live, live);
+    }
+    assert_true(failures > 30);
+    assert_int_equal(unlink("contexts_memory.glb"), 0);
+    pc_mesh_free(context, &tube);
+    pc_context_destroy(context);
+}
+
 // Headers that do not fit the library are refused before anything else happens.
 static void other_headers_are_refused(void **state) {
     (void)state;
@@ -146,6 +189,7 @@ static void dependencies_have_versions_and_licences(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(contexts_do_not_notice_each_other),
+        cmocka_unit_test(memory_may_run_out_anywhere),
         cmocka_unit_test(other_headers_are_refused),
         cmocka_unit_test(dependencies_have_versions_and_licences),
     };

@@ -35,6 +35,7 @@ typedef struct cli_settings {
     bool json;
     bool motion;
     bool print_options;
+    bool licences;
     uint32_t jobs;           // 0: one per core
     uint32_t garment_memory; // MiB; 0: the machine's over the jobs
     double garment_seconds;
@@ -65,7 +66,9 @@ typedef enum cli_accepts {
     CLI_PARTS = 1 << 9,         // --parts
     CLI_OPTIONS = 1 << 10,      // --options, --preset, --print-options
     CLI_BATCH = 1 << 11,        // --jobs, --shard and the like
-    CLI_REGRESS = 1 << 12       // --tolerances, --changes
+    CLI_OUTPUT_PAGE = 1 << 12,  // -o FILE.html
+    CLI_LICENCES = 1 << 13,     // --licences
+    CLI_REGRESS = 1 << 14       // --tolerances, --changes
 } cli_accepts;
 
 enum { CLI_MAXIMUM_LEVELS = 16 };
@@ -156,6 +159,10 @@ int cli_run_export(const cli_command *command, cli_arguments *arguments);
 int cli_run_info(const cli_command *command, cli_arguments *arguments);
 int cli_run_evaluate(const cli_command *command, cli_arguments *arguments);
 int cli_run_regress(const cli_command *command, cli_arguments *arguments);
+int cli_run_version(const cli_command *command, cli_arguments *arguments);
+int cli_run_report(const cli_command *command, cli_arguments *arguments);
+// Writes the page over all results in a folder. `file` NULL: FOLDER/report.html, with links.
+int cli_write_page(const cli_command *command, const char *folder, const char *file);
 // evaluate --motion
 int cli_evaluate_motion(const cli_command *command, const cli_arguments *arguments);
 

@@ -4,13 +4,6 @@
 #include <stdio.h>
 #include <string.h>
 
-static int run_version(const cli_command *command, cli_arguments *arguments) {
-    (void)command;
-    (void)arguments;
-    printf("proxycloth %s\n", pc_version());
-    return CLI_OK;
-}
-
 enum { all_stages = (1u << PC_STAGE_COUNT) - 1 };
 
 static const cli_command commands_before[] = {
@@ -96,14 +89,28 @@ static const cli_command commands_after[] = {
          "of the same kind, or a table. Prints every measure that got worse by more than its\n"
          "tolerance, and garments that are missing; exit code 1 then. Without OUTDIR the measures\n"
          "of BASELINE are printed as a table, to be kept as a baseline.\n"
-         "--tolerances overrides the table below: {\"hausdorff\": {\"absolute\": 0.01, "
-         "\"relative\":\n"
-         "0.1}, \"loss_after\": null}; null leaves a measure out.\n",
+         "--tolerances holds tolerances that differ from the usual ones, as in {\"hausdorff\":\n"
+         "{\"absolute\": 0.01, \"relative\": 0.1}, \"min_angle_worst\": null}; null leaves a "
+         "measure\n"
+         "out.\n",
      .example = "baseline.tsv out",
      .minimum_inputs = 1,
      .maximum_inputs = 2,
      .accepts = CLI_REGRESS | CLI_JSON,
      .run = cli_run_regress},
+    {.name = "report",
+     .operands = "FOLDER [-o FILE.html]",
+     .summary = "one HTML page over all results in a folder",
+     .details =
+         "Contact sheets by their worst measure, measures, histograms, times, warnings, failures\n"
+         "and options of what build or batch wrote into FOLDER and the folders in it. The page\n"
+         "needs no other file and no network; FOLDER/report.html also links to the results. With\n"
+         "many garments it holds thumbnails.\n",
+     .minimum_inputs = 1,
+     .maximum_inputs = 1,
+     .example = "out",
+     .accepts = CLI_OUTPUT_PAGE,
+     .run = cli_run_report},
     {.name = "help",
      .operands = "[COMMAND]",
      .summary = "explain a command and its options",
@@ -116,7 +123,11 @@ static const cli_command commands_after[] = {
      .details = "eval \"$(proxycloth completion)\" in ~/.bashrc, or save it to\n"
                 "/etc/bash_completion.d/proxycloth.\n",
      .run = cli_run_completion},
-    {.name = "version", .operands = "", .summary = "print the version", .run = run_version},
+    {.name = "version",
+     .operands = "",
+     .summary = "print the version, and with --licences those of all libraries",
+     .accepts = CLI_LICENCES,
+     .run = cli_run_version},
 };
 
 enum {

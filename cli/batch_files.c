@@ -35,8 +35,9 @@ void batch_workspace_end(const cli_output *output) {
     }
 }
 
-// Names of the results in a folder: those of the reports, sorted.
-static bool note_results(const char *folder, const batch_job *job) {
+// Notes the results in a folder, by their reports, sorted. Removes what a child staged that was
+// killed.
+static bool take_stock(const char *folder, const batch_job *job) {
     cJSON *results = cJSON_GetObjectItemCaseSensitive(job->record, "results");
     struct dirent **entries = NULL;
     const int count = scandir(folder, &entries, NULL, alphasort);
@@ -45,6 +46,12 @@ static bool note_results(const char *folder, const batch_job *job) {
         if (dot != NULL && strcmp(dot, ".json") == 0) {
             *dot = '\0';
             cJSON_AddItemToArray(results, cJSON_CreateString(entries[i]->d_name));
+        } else if (cli_is_staging(entries[i]->d_name)) {
+            char *path = batch_path(folder, entries[i]->d_name, "");
+            if (path != NULL) {
+                cli_remove_tree(path, true);
+            }
+            free(path);
         }
         free(entries[i]);
     }
@@ -104,7 +111,7 @@ static bool swap(const landing *l, batch_job *job) {
     if (stat(l->log, &info) == 0 && info.st_size == 0) {
         (void)unlink(l->log);
     }
-    return note_results(l->from, job) && write_text(l->record, job->record) &&
+    return take_stock(l->from, job) && write_text(l->record, job->record) &&
            (rename(l->to, l->old) == 0 || errno == ENOENT) && rename(l->from, l->to) == 0;
 }
 

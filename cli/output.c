@@ -16,6 +16,10 @@
 
 static const char staging_prefix[] = ".proxycloth-";
 
+bool cli_is_staging(const char *name) {
+    return strncmp(name, staging_prefix, strlen(staging_prefix)) == 0;
+}
+
 static char *join(const char *folder, const char *name, const char *extension) {
     const size_t size = strlen(folder) + strlen(name) + strlen(extension) + 2;
     char *path = malloc(size);
@@ -97,7 +101,7 @@ static int lock_staging(const char *path, bool *unlocked) {
 static void remove_abandoned(const char *folder) {
     DIR *listing = opendir(folder);
     for (const struct dirent *entry; listing != NULL && (entry = readdir(listing)) != NULL;) {
-        if (strncmp(entry->d_name, staging_prefix, strlen(staging_prefix)) != 0) {
+        if (!cli_is_staging(entry->d_name)) {
             continue;
         }
         bool unlocked = true;

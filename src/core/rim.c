@@ -54,9 +54,13 @@ static void add_side(figure *f, double radius, const double a[2], const double b
     const double leave = fmin(fmax(middle + half, 0.0), 1.0);
     const double p[2] = {a[0] + enter * d[0], a[1] + enter * d[1]};
     const double q[2] = {a[0] + leave * d[0], a[1] + leave * d[1]};
-    add_sector(f, radius, a, p);
     add_wedge(f, p, q);
-    add_sector(f, radius, q, b);
+    if (enter > 0.0) {
+        add_sector(f, radius, a, p);
+    }
+    if (leave < 1.0) {
+        add_sector(f, radius, q, b);
+    }
 }
 
 // Adds the part of a triangle inside the ball: in its plane, that inside a circle.

@@ -255,7 +255,8 @@ static pc_status set_up(run *r, pci_scratch *scratch) {
     if (!fill_cloth(r, scratch)) {
         return pci_fail_memory(r->context, stage);
     }
-    status = pci_poses_begin(scratch, r->inputs, r->scale, &r->poses);
+    status = pci_poses_begin(scratch, stage, r->inputs->character, &r->inputs->scenario->attachment,
+                             r->scale, &r->poses);
     if (status == PC_OK && attachment->kind == PC_ATTACHMENT_CLIP) {
         status = pci_bind_pins(scratch, r->inputs, r->motion->pinned, &r->binding);
     }

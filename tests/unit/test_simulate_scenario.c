@@ -320,9 +320,9 @@ static void clips_move_pins(void **state) {
     pci_scratch scratch = pci_scratch_begin(context);
     scenario.attachment.loop = true;
     scenario.attachment.start = 0.5;
-    const pc_simulate_inputs inputs = {&cloth, &scenario, &plain, &character};
     pci_poses poses;
-    assert_ok(context, pci_poses_begin(&scratch, &inputs, 1.0, &poses));
+    assert_ok(context,
+              pci_poses_begin(&scratch, "test", &character, &scenario.attachment, 1.0, &poses));
     const double point[3] = {1.0, 1.0, 0.0};
     double at[3];
     pci_poses_set(&poses, 0.75); // 1.25 s into it

@@ -43,6 +43,7 @@ typedef struct cli_settings {
     bool dry_run;
     bool force;
     bool retry_failed;
+    bool changes;
     bool quiet;
     bool verbose;
 } cli_settings;
@@ -66,7 +67,8 @@ typedef enum cli_accepts {
     CLI_OPTIONS = 1 << 10,      // --options, --preset, --print-options
     CLI_BATCH = 1 << 11,        // --jobs, --shard and the like
     CLI_OUTPUT_PAGE = 1 << 12,  // -o FILE.html
-    CLI_LICENCES = 1 << 13      // --licences
+    CLI_LICENCES = 1 << 13,     // --licences
+    CLI_REGRESS = 1 << 14       // --tolerances, --changes
 } cli_accepts;
 
 enum { CLI_MAXIMUM_LEVELS = 16 };
@@ -81,6 +83,7 @@ typedef struct cli_arguments {
     const char *scenario; // each overriding the one before; flags override them all
     const char *lp;
     const char *shard; // "2/5"
+    const char *tolerances;
     const char **patterns;
     size_t pattern_count;
     bool help;
@@ -155,6 +158,7 @@ int cli_run_stage(const cli_command *command, cli_arguments *arguments);
 int cli_run_export(const cli_command *command, cli_arguments *arguments);
 int cli_run_info(const cli_command *command, cli_arguments *arguments);
 int cli_run_evaluate(const cli_command *command, cli_arguments *arguments);
+int cli_run_regress(const cli_command *command, cli_arguments *arguments);
 int cli_run_version(const cli_command *command, cli_arguments *arguments);
 int cli_run_report(const cli_command *command, cli_arguments *arguments);
 // Writes the page over all results in a folder. `file` NULL: FOLDER/report.html, with links.
@@ -212,6 +216,9 @@ int cli_fail_interrupted(const char *command);
 // ---- input ------------------------------------------------------------------------------------
 
 typedef enum cli_kind { CLI_KIND_SCENE, CLI_KIND_ASSET } cli_kind;
+
+// A whole file with a zero behind it, released with free(). Returns 0 or an errno value.
+int cli_read_file(const char *path, char **bytes, size_t *size);
 
 // Tells asset files from scenes by their first bytes. Prints the message on failure.
 int cli_input_kind(const char *command, const char *path, cli_kind *kind);

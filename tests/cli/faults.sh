@@ -40,7 +40,7 @@ convert() { # convert COMMAND OPTIONS FOLDER
 
 # Names and contents of all files but those of work folders; without what depends on the clock.
 contents() { # contents FOLDER
-    (cd "$1" && find . -name '.proxycloth-*' -prune -o -type f ! -name '*.json' -print | LC_ALL=C sort |
+    (cd "$1" && find . -name '.proxycloth-*' -prune -o -type f ! -name '*.json' ! -name report.html -print | LC_ALL=C sort |
         xargs -r sha256sum)
 }
 # Each file of FOLDER is as in OLD or as in NEW; JSON ends where it should.

@@ -15,6 +15,11 @@
 #include <unistd.h>
 
 static const char lock_name[] = "batch.lock";
+static const char staging_prefix[] = ".proxycloth-";
+
+static bool is_staging(const char *name) {
+    return strncmp(name, staging_prefix, strlen(staging_prefix)) == 0;
+}
 
 // Removes what a folder holds, and with `itself` the folder.
 static void remove_tree(const char *path, bool itself) {
@@ -38,7 +43,7 @@ static void remove_tree(const char *path, bool itself) {
 static void remove_abandoned(const char *folder) {
     DIR *listing = opendir(folder);
     for (const struct dirent *entry; listing != NULL && (entry = readdir(listing)) != NULL;) {
-        if (strncmp(entry->d_name, ".proxycloth-", strlen(".proxycloth-")) != 0) {
+        if (!is_staging(entry->d_name)) {
             continue;
         }
         char *work = batch_path(folder, entry->d_name, "");
@@ -65,17 +70,21 @@ static int fail_workspace(const cli_command *command, const char *path) {
 
 int batch_workspace_begin(const cli_command *command, cli_output *output, int *lock) {
     remove_abandoned(output->folder);
+    // The lock gets its name when it is held: nobody takes this run for abandoned.
+    char *unnamed = batch_path(output->staging, lock_name, ".new");
     char *path = batch_path(output->staging, lock_name, "");
     char *garments = batch_path(output->folder, "garments", "");
     int code = CLI_OK;
-    *lock = path != NULL ? open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666) : -1;
-    if (*lock < 0 || flock(*lock, LOCK_EX | LOCK_NB) != 0) {
+    *lock = unnamed != NULL ? open(unnamed, O_RDWR | O_CREAT | O_CLOEXEC, 0666) : -1;
+    if (*lock < 0 || path == NULL || flock(*lock, LOCK_EX | LOCK_NB) != 0 ||
+        rename(unnamed, path) != 0) {
         code = fail_workspace(command, path);
     } else if (garments == NULL || (mkdir(garments, 0777) != 0 && errno != EEXIST)) {
         code = fail_workspace(command, garments);
     }
     free(garments);
     free(path);
+    free(unnamed);
     return code;
 }
 
@@ -93,8 +102,9 @@ void batch_workspace_end(cli_output *output, int lock) {
     }
 }
 
-// Names of the results in a folder: those of the reports, sorted.
-static bool note_results(const char *folder, const batch_job *job) {
+// Notes the results in a folder, by their reports, sorted. Removes what a child staged that was
+// killed.
+static bool take_stock(const char *folder, const batch_job *job) {
     cJSON *results = cJSON_GetObjectItemCaseSensitive(job->record, "results");
     struct dirent **entries = NULL;
     const int count = scandir(folder, &entries, NULL, alphasort);
@@ -103,6 +113,12 @@ static bool note_results(const char *folder, const batch_job *job) {
         if (dot != NULL && strcmp(dot, ".json") == 0) {
             *dot = '\0';
             cJSON_AddItemToArray(results, cJSON_CreateString(entries[i]->d_name));
+        } else if (is_staging(entries[i]->d_name)) {
+            char *path = batch_path(folder, entries[i]->d_name, "");
+            if (path != NULL) {
+                remove_tree(path, true);
+            }
+            free(path);
         }
         free(entries[i]);
     }
@@ -162,7 +178,7 @@ static bool swap(const landing *l, batch_job *job) {
     if (stat(l->log, &info) == 0 && info.st_size == 0) {
         (void)unlink(l->log);
     }
-    return note_results(l->from, job) && write_text(l->record, job->record) &&
+    return take_stock(l->from, job) && write_text(l->record, job->record) &&
            (rename(l->to, l->old) == 0 || errno == ENOENT) && rename(l->from, l->to) == 0;
 }
 

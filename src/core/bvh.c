@@ -341,6 +341,16 @@ pci_closest pci_bvh_closest(const pci_bvh *bvh, const double point[3], double ra
     return closest;
 }
 
+pci_closest pci_bvh_closest_near(const pci_bvh *bvh, const double point[3], uint32_t hint) {
+    double radius = INFINITY, barycentric[3];
+    if (hint != PC_INVALID_INDEX) {
+        radius = sqrt(pci_triangle_squared_distance(point, corner(bvh->mesh, hint, 0),
+                                                    corner(bvh->mesh, hint, 1),
+                                                    corner(bvh->mesh, hint, 2), barycentric));
+    }
+    return pci_bvh_closest(bvh, point, radius);
+}
+
 typedef struct collection {
     const pc_mesh *mesh;
     const double *point;

@@ -243,15 +243,22 @@ int cli_load_scenario(const cli_command *command, const cli_arguments *arguments
 // ---- output -------------------------------------------------------------------------------------
 
 // Files of one run: they are written into a staging folder inside the output folder and moved to
-// their places when all are complete. Nothing stays behind on failure.
+// their places when all are complete. Nothing stays behind on failure; what a killed run left, the
+// next one removes.
 typedef struct cli_output {
     char *folder;
     char *staging; // one of `made`
+    int lock;      // of the staging folder, held as long as the run lives
     char **made;   // folders that this run made, innermost first; NULL-terminated
     size_t made_count;
     char **names;
     size_t name_count, name_capacity;
 } cli_output;
+
+// Removes what a folder holds, and with `itself` the folder.
+void cli_remove_tree(const char *path, bool itself);
+// Whether a file name is that of a staging folder.
+bool cli_is_staging(const char *name);
 
 // Makes the folder, its missing parents, and the staging folder.
 int cli_output_begin(const cli_command *command, const char *folder, cli_output *output);

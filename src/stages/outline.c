@@ -20,6 +20,9 @@ enum { sectors = 12, least_framed = 9 };
 // The iso-surface closes openings up to two voxels wide; no part of a membrane is farther from the
 // rim than so many voxels.
 static const double widest = 3.0;
+// A web from the hem of one layer to the layer beneath is framed by the hem alone, but has cloth
+// behind it, for most of its area within so many voxels; an opening has not.
+static const double behind = 2.0, most_backed = 0.5;
 // The second pass looks so far around what the first one found, in voxels.
 static const double beyond = 0.5;
 // The distance where nobody asks: no triangle is refined for it.
@@ -195,6 +198,7 @@ static bool split_isoline(outline *o, double threshold) {
 
 typedef struct region {
     double area, centre[3], normal[3];
+    double backed;    // area with other cloth close behind it
     double reach;     // largest distance
     uint32_t sectors; // bit i: in this direction from the centre the region ends at a rim
     uint32_t arcs;    // stretches along the border of the layer
@@ -225,7 +229,18 @@ static bool join_regions(const outline *o, double threshold, uint32_t *roots) {
     return true;
 }
 
-static void measure_extent(const outline *o, const uint32_t *roots, region *regions) {
+static bool is_backed(const outline *o, const double *const corners[3], const double normal[3],
+                      double depth) {
+    double middle[3], direction[3] = {-normal[0], -normal[1], -normal[2]};
+    for (size_t k = 0; k < 3; ++k) {
+        middle[k] = (corners[0][k] + corners[1][k] + corners[2][k]) / 3.0;
+    }
+    return pci_normalize(direction) &&
+           pci_bvh_cast(o->visual, middle, direction, 0.0, depth, NULL, NULL).triangle !=
+               PC_INVALID_INDEX;
+}
+
+static void measure_extent(const outline *o, const uint32_t *roots, double depth, region *regions) {
     const pci_halfedge *mesh = &o->mesh;
     for (size_t t = 0; t < mesh->triangle_count; ++t) {
         if (roots[t] == PC_INVALID_INDEX) {
@@ -243,6 +258,7 @@ static void measure_extent(const outline *o, const uint32_t *roots, region *regi
         pci_cross(u, v, normal);
         const double area = 0.5 * pci_norm(normal);
         r->area += area;
+        r->backed += is_backed(o, corners, normal, depth) ? area : 0.0;
         for (size_t k = 0; k < 3; ++k) {
             r->centre[k] += area * (corners[0][k] + corners[1][k] + corners[2][k]) / 3.0;
             r->normal[k] += normal[k];
@@ -317,7 +333,9 @@ static bool removes(const region *r, pci_outline_mode mode, double threshold) {
         framed += r->sectors >> i & 1;
     }
     return r->reach > least_reach * threshold &&
-           (mode == PCI_OUTLINE_ALL || (framed >= least_framed && (r->arcs > 0 || !r->fringe)));
+           (mode == PCI_OUTLINE_ALL ||
+            (framed >= least_framed && r->backed < most_backed * r->area &&
+             (r->arcs > 0 || !r->fringe)));
 }
 
 // The kept triangles by patch: a membrane, or a connected part of the rest. Few of them touch.
@@ -460,7 +478,7 @@ static bool find_regions(const cutting *given, const pci_knn *focus, double reac
         !find_border(&o->mesh, &border)) {
         return false;
     }
-    measure_extent(o, c->roots, regions);
+    measure_extent(o, c->roots, behind * c->cell_size, regions);
     measure_frame(o, c->rims, &border, sag * c->cell_size, c->roots, regions);
     return choose_triangles(o, c->roots, regions, c->mode, c->threshold, c->keep);
 }

@@ -3,6 +3,7 @@
 #include "core/core.h"
 #include "core/manifold.h"
 #include "core/topology.h"
+#include "stages/hidden.h"
 #include "stages/loops.h"
 #include "stages/shells.h"
 
@@ -23,9 +24,9 @@ typedef struct probe {
     const pci_bvh *bvh;
     const pc_mesh *mesh;
     const uint32_t *component; // #F
-    double reach;
+    double reach, touch_reach;
     uint8_t *sees;    // #F, bit 0: a back close behind it, bit 1: a front close before it
-    uint8_t *touches; // #F, another component within reach
+    uint8_t *touches; // #F, another component within touch_reach
 } probe;
 
 static bool sees(const probe *p, const double point[3], const double normal[3], double side) {
@@ -51,7 +52,7 @@ static void look_around(void *user, size_t begin, size_t end, uint32_t worker) {
             middle[k] = (corners[0][k] + corners[1][k] + corners[2][k]) / 3.0;
         }
         uint32_t near[most_near];
-        const size_t count = pci_bvh_collect(p->bvh, middle, p->reach, most_near, near);
+        const size_t count = pci_bvh_collect(p->bvh, middle, p->touch_reach, most_near, near);
         for (size_t i = 0; i < count && i < most_near; ++i) {
             p->touches[t] |= p->component[near[i]] != p->component[t];
         }
@@ -125,6 +126,7 @@ static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh 
     pci_topology topology;
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
     probe p = {.mesh = layer, .component = component, .reach = cell_size};
+    p.touch_reach = cell_size + thickness;
     p.sees = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
     p.touches = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
     uint8_t *missed = PCI_SCRATCH(scratch, uint8_t, surface->vertex_count);
@@ -162,7 +164,9 @@ pc_status pci_visual_cloth(pci_scratch *scratch, const char *stage, const pc_mes
     if (!pci_mesh_repair(scratch, surface, NULL, cloth, &counts)) {
         return pci_fail_memory(scratch->context, stage);
     }
-    return pci_peel_shells(scratch, stage, thickest_shell * cell_size, cloth, thickness);
+    const pc_status status =
+        pci_peel_shells(scratch, stage, thickest_shell * cell_size, cloth, thickness);
+    return status == PC_OK ? pci_drop_hidden(scratch, stage, cell_size, cloth) : status;
 }
 
 pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mesh *surface,

@@ -14,7 +14,7 @@ enum { grain = 256, most_near = 512 };
 static const double plain_share = 0.02;
 // A lining shows its back to the back of the cloth, everywhere. Where a sheet is folded, backs and
 // fronts meet in turn, so that the two shares are alike.
-static const double most_lined_share = 0.15, most_lined_surplus = 0.05;
+static const double most_lined_surplus = 0.05, least_folded_ratio = 0.5;
 // Holes of a shorter way around are no openings, in voxels.
 static const double smallest_opening = 3.0;
 // Thicker shells are solids, in voxels.
@@ -114,7 +114,7 @@ static pci_layering classify(const probe *p) {
     if (back + front <= plain_share * area) {
         return PCI_PLAIN;
     }
-    return back <= most_lined_share * area && back - front <= most_lined_surplus * area
+    return back - front <= most_lined_surplus * area || front >= least_folded_ratio * back
                ? PCI_FOLDED
                : PCI_LAYERED;
 }

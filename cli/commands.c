@@ -4,13 +4,6 @@
 #include <stdio.h>
 #include <string.h>
 
-static int run_version(const cli_command *command, cli_arguments *arguments) {
-    (void)command;
-    (void)arguments;
-    printf("proxycloth %s\n", pc_version());
-    return CLI_OK;
-}
-
 enum { all_stages = (1u << PC_STAGE_COUNT) - 1 };
 
 static const cli_command commands_before[] = {
@@ -45,9 +38,10 @@ static const cli_command commands_before[] = {
          "is printed; OUTDIR/batch.json is written last. A manifest (*.jsonl) has lines such as\n"
          "{\"id\": \"cape\", \"path\": \"knight.glb\", \"mesh\": \"*Cape*\", \"options\": "
          "{\"vertices\": 64}}\n"
+         "The cores are shared: with a garment per core each gets one thread.\n"
          "Exit code 1: garments failed; 75: another run may help some of them. Many machines\n"
-         "share the work with --shard; a run without it collects one report:\n"
-         "    seq 8 | parallel proxycloth batch IN -o OUTDIR --shard {}/8 --jobs 1\n",
+         "share the work with --shard (on Slurm: data/batch.slurm); a run without it collects one\n"
+         "report: seq 8 | parallel proxycloth batch IN -o OUTDIR --shard {}/8 --jobs 1\n",
      .example = "garments/ -o out --jobs 8",
      .minimum_inputs = 1,
      .maximum_inputs = SIZE_MAX,
@@ -87,6 +81,36 @@ static const cli_command commands_after[] = {
      .maximum_inputs = 2,
      .accepts = CLI_JSON | CLI_MESH | CLI_MOTION | CLI_SCENARIO,
      .run = cli_run_evaluate},
+    {.name = "regress",
+     .operands = "BASELINE [OUTDIR]",
+     .summary = "tell which garments got worse than in a baseline",
+     .details =
+         "Compares the reports below OUTDIR, of batch or build, with those of BASELINE: a folder\n"
+         "of the same kind, or a table. Prints every measure that got worse by more than its\n"
+         "tolerance, and garments that are missing; exit code 1 then. Without OUTDIR the measures\n"
+         "of BASELINE are printed as a table, to be kept as a baseline.\n"
+         "--tolerances holds tolerances that differ from the usual ones, as in {\"hausdorff\":\n"
+         "{\"absolute\": 0.01, \"relative\": 0.1}, \"min_angle_worst\": null}; null leaves a "
+         "measure\n"
+         "out.\n",
+     .example = "baseline.tsv out",
+     .minimum_inputs = 1,
+     .maximum_inputs = 2,
+     .accepts = CLI_REGRESS | CLI_JSON,
+     .run = cli_run_regress},
+    {.name = "report",
+     .operands = "FOLDER [-o FILE.html]",
+     .summary = "one HTML page over all results in a folder",
+     .details =
+         "Contact sheets by their worst measure, measures, histograms, times, warnings, failures\n"
+         "and options of what build or batch wrote into FOLDER and the folders in it. The page\n"
+         "needs no other file and no network; FOLDER/report.html also links to the results. With\n"
+         "many garments it holds thumbnails.\n",
+     .minimum_inputs = 1,
+     .maximum_inputs = 1,
+     .example = "out",
+     .accepts = CLI_OUTPUT_PAGE,
+     .run = cli_run_report},
     {.name = "help",
      .operands = "[COMMAND]",
      .summary = "explain a command and its options",
@@ -99,7 +123,11 @@ static const cli_command commands_after[] = {
      .details = "eval \"$(proxycloth completion)\" in ~/.bashrc, or save it to\n"
                 "/etc/bash_completion.d/proxycloth.\n",
      .run = cli_run_completion},
-    {.name = "version", .operands = "", .summary = "print the version", .run = run_version},
+    {.name = "version",
+     .operands = "",
+     .summary = "print the version, and with --licences those of all libraries",
+     .accepts = CLI_LICENCES,
+     .run = cli_run_version},
 };
 
 enum {

@@ -5,6 +5,7 @@
 #include <pthread.h>
 
 #include "core/context.h"
+#include "core/topology.h"
 
 // Embree sees every triangle as a box in coordinates where the mesh fits a cube of side 1 around
 // the origin, so that float is precise enough at any size and place of the mesh. The boxes are
@@ -18,6 +19,7 @@
 
 struct pci_bvh {
     const pc_mesh *mesh;
+    uint8_t *duplicate; // #F: the triangle repeats an earlier one and is left out
     RTCDevice device;
     RTCScene scene;
     double minimum[3], maximum[3]; // of the triangles
@@ -51,6 +53,9 @@ static void bound_triangle(const struct RTCBoundsFunctionArguments *arguments) {
     struct RTCBounds *bounds = arguments->bounds_o;
     bounds->lower_x = lower[0], bounds->lower_y = lower[1], bounds->lower_z = lower[2];
     bounds->upper_x = upper[0], bounds->upper_y = upper[1], bounds->upper_z = upper[2];
+    if (bvh->duplicate[arguments->primID]) {
+        bounds->lower_x = INFINITY; // what is empty does not enter the tree
+    }
 }
 
 static void intersect_triangle(const struct RTCIntersectFunctionNArguments *arguments);
@@ -97,7 +102,10 @@ static bool normalise_space(pci_bvh *bvh) {
 
 pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *mesh,
                          pci_bvh **bvh) {
-    *bvh = NULL;
+    *bvh = mesh == context->shared_mesh ? context->shared_bvh : NULL;
+    if (*bvh != NULL) {
+        return PC_OK;
+    }
     if (mesh->triangle_count >= PC_INVALID_INDEX) {
         return pci_fail(context, PC_ERROR_TOO_LARGE, stage, "%s: %zu triangles are too many", stage,
                         mesh->triangle_count);
@@ -107,6 +115,16 @@ pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *
         return pci_fail_memory(context, stage);
     }
     created->mesh = mesh;
+    // A tree over a triangle that occurs a million times would be a list.
+    created->duplicate = PCI_ALLOCATE(context, uint8_t, mesh->triangle_count);
+    pci_scratch scratch = pci_scratch_begin(context);
+    const bool marked =
+        created->duplicate != NULL && pci_mark_duplicates(&scratch, mesh, created->duplicate);
+    pci_scratch_end(&scratch);
+    if (!marked) {
+        pci_bvh_destroy(context, created);
+        return pci_fail_memory(context, stage);
+    }
     if (!normalise_space(created)) {
         pci_bvh_destroy(context, created);
         return pci_fail(context, PC_ERROR_NUMERICAL, stage,
@@ -149,11 +167,21 @@ pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *
                         stage, (int)error);
     }
     *bvh = created;
+    if (mesh == context->shared_mesh) {
+        context->shared_bvh = created;
+    }
     return PC_OK;
 }
 
+void pci_bvh_share(pc_context *context, const pc_mesh *mesh) {
+    pci_bvh *last = context->shared_bvh;
+    context->shared_mesh = mesh;
+    context->shared_bvh = NULL;
+    pci_bvh_destroy(context, last);
+}
+
 void pci_bvh_destroy(pc_context *context, pci_bvh *bvh) {
-    if (bvh == NULL) {
+    if (bvh == NULL || bvh == context->shared_bvh) {
         return;
     }
     if (bvh->scene != NULL) {
@@ -162,6 +190,7 @@ void pci_bvh_destroy(pc_context *context, pci_bvh *bvh) {
     if (bvh->device != NULL) {
         rtcReleaseDevice(bvh->device);
     }
+    pc_release(context, bvh->duplicate);
     pc_release(context, bvh);
 }
 
@@ -312,6 +341,16 @@ pci_closest pci_bvh_closest(const pci_bvh *bvh, const double point[3], double ra
     return closest;
 }
 
+pci_closest pci_bvh_closest_near(const pci_bvh *bvh, const double point[3], uint32_t hint) {
+    double radius = INFINITY, barycentric[3];
+    if (hint != PC_INVALID_INDEX) {
+        radius = sqrt(pci_triangle_squared_distance(point, corner(bvh->mesh, hint, 0),
+                                                    corner(bvh->mesh, hint, 1),
+                                                    corner(bvh->mesh, hint, 2), barycentric));
+    }
+    return pci_bvh_closest(bvh, point, radius);
+}
+
 typedef struct collection {
     const pc_mesh *mesh;
     const double *point;
@@ -325,9 +364,15 @@ static bool collect_triangle(struct RTCPointQueryFunctionArguments *arguments) {
     const pc_mesh *mesh = found->mesh;
     const uint32_t t = arguments->primID;
     double barycentric[3];
+    // Most of what comes here has a corner within the radius, which is cheaper to know.
+    bool within = false;
+    for (size_t c = 0; c < 3 && !within; ++c) {
+        within = pci_squared_distance(found->point, corner(mesh, t, c)) <= found->squared_radius;
+    }
     if (found->count <= found->capacity &&
-        pci_triangle_squared_distance(found->point, corner(mesh, t, 0), corner(mesh, t, 1),
-                                      corner(mesh, t, 2), barycentric) <= found->squared_radius) {
+        (within ||
+         pci_triangle_squared_distance(found->point, corner(mesh, t, 0), corner(mesh, t, 1),
+                                       corner(mesh, t, 2), barycentric) <= found->squared_radius)) {
         if (found->count < found->capacity) {
             found->triangles[found->count] = t;
         }

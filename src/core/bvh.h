@@ -15,6 +15,10 @@ PC_NODISCARD pc_status pci_bvh_create(pc_context *context, const char *stage, co
                                       pci_bvh **bvh);
 void pci_bvh_destroy(pc_context *context, pci_bvh *bvh); // NULL is accepted
 
+// From now on one tree of this very mesh serves all that create one, until this is called with
+// another mesh or NULL. Between the calls the mesh must stay alive and unchanged.
+void pci_bvh_share(pc_context *context, const pc_mesh *mesh);
+
 typedef struct pci_closest {
     uint32_t triangle; // PC_INVALID_INDEX: nothing within the radius
     double point[3];
@@ -24,6 +28,10 @@ typedef struct pci_closest {
 
 // The closest point of the mesh within `radius` (INFINITY allowed).
 pci_closest pci_bvh_closest(const pci_bvh *bvh, const double point[3], double radius);
+
+// The same within any radius, but much quicker where triangle `hint` is near: a search among
+// neighbours hands on what it found last. PC_INVALID_INDEX: no idea.
+pci_closest pci_bvh_closest_near(const pci_bvh *bvh, const double point[3], uint32_t hint);
 
 // Collects the triangles within `radius`, in no particular order. Returns their number, or
 // capacity + 1 when there are more than fit; then `triangles` holds some of them.

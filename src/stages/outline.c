@@ -38,18 +38,20 @@ typedef struct outline {
     pci_halfedge mesh;
     double *normals;   // #V by 3
     double *distances; // #V, beside the visual mesh, along the surface
+    uint32_t *nearest; // #V, triangle of the visual mesh, or PC_INVALID_INDEX
     uint8_t *settled;  // #F, nothing to refine here
-    size_t normal_capacity, distance_capacity, settled_capacity;
+    size_t normal_capacity, distance_capacity, nearest_capacity, settled_capacity;
 } outline;
 
 // How far the nearest point of the visual mesh lies beside a point of the layer: the distance
-// without its share along the normal.
-static double distance_beside(const outline *o, const double point[3], const double normal[3]) {
-    uint32_t nearest;
-    if (o->focus != NULL && !pci_knn_within(o->focus, point, o->reach, &nearest)) {
+// without its share along the normal. `triangle`: one that may be near; becomes the nearest one.
+static double distance_beside(const outline *o, const double point[3], const double normal[3],
+                              uint32_t *triangle) {
+    if (o->focus != NULL && !pci_knn_within(o->focus, point, o->reach, NULL)) {
         return out_of_focus;
     }
-    const pci_closest closest = pci_bvh_closest(o->visual, point, INFINITY);
+    const pci_closest closest = pci_bvh_closest_near(o->visual, point, *triangle);
+    *triangle = closest.triangle;
     double away[3];
     pci_sub(closest.point, point, away);
     const double height = pci_dot(away, normal);
@@ -59,8 +61,10 @@ static double distance_beside(const outline *o, const double point[3], const dou
 static void measure_outline(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     outline *o = user;
+    uint32_t last = PC_INVALID_INDEX;
     for (size_t v = begin; v < end; ++v) {
-        o->distances[v] = distance_beside(o, &o->mesh.positions[3 * v], &o->normals[3 * v]);
+        o->distances[v] = distance_beside(o, &o->mesh.positions[3 * v], &o->normals[3 * v], &last);
+        o->nearest[v] = last;
     }
 }
 
@@ -75,26 +79,31 @@ static bool split_measured(outline *o, uint32_t h, double share, const double *k
     }
     pci_normalize(normal);
     const uint32_t v = pci_split_edge(&o->mesh, h, position);
-    void *normals = o->normals, *distances = o->distances, *settled = o->settled;
+    void *normals = o->normals, *distances = o->distances, *nearest = o->nearest;
+    void *settled = o->settled;
     if (v == PC_INVALID_INDEX ||
         !pci_scratch_reserve(o->mesh.scratch, &normals, &o->normal_capacity, (size_t)v + 1,
                              3 * sizeof(double)) ||
         !pci_scratch_reserve(o->mesh.scratch, &distances, &o->distance_capacity, (size_t)v + 1,
                              sizeof(double)) ||
+        !pci_scratch_reserve(o->mesh.scratch, &nearest, &o->nearest_capacity, (size_t)v + 1,
+                             sizeof(uint32_t)) ||
         !pci_scratch_reserve(o->mesh.scratch, &settled, &o->settled_capacity,
                              o->mesh.triangle_count, 1)) {
         return false;
     }
     o->normals = normals;
     o->distances = distances;
+    o->nearest = nearest;
     o->settled = settled;
     o->settled[h / 3] = 0;
     if (twin != PC_INVALID_INDEX) {
         o->settled[twin / 3] = 0;
     }
     memcpy(&o->normals[3 * (size_t)v], normal, sizeof(normal));
-    o->distances[v] =
-        known_distance != NULL ? *known_distance : distance_beside(o, position, normal);
+    o->nearest[v] = o->nearest[a];
+    o->distances[v] = known_distance != NULL ? *known_distance
+                                             : distance_beside(o, position, normal, &o->nearest[v]);
     return true;
 }
 
@@ -318,8 +327,9 @@ static void measure_frame(const outline *o, const pci_knn *rims, const pci_knn *
             mark_sector(&regions[root], point);
             regions[root].bordering = true;
         }
-        regions[root].fringe = regions[root].fringe || pci_knn_within(border, point, slack, &rim);
-        const double reach = pci_bvh_closest(o->visual, point, INFINITY).distance + slack;
+        regions[root].fringe = regions[root].fringe || pci_knn_within(border, point, slack, NULL);
+        const uint32_t hint = o->nearest[pci_origin(mesh, h)];
+        const double reach = pci_bvh_closest_near(o->visual, point, hint).distance + slack;
         if (pci_knn_within(rims, point, reach, &rim)) {
             mark_sector(&regions[root], &rims->points[3 * (size_t)rim]);
         }
@@ -473,11 +483,12 @@ static bool find_regions(const cutting *given, const pci_knn *focus, double reac
     *o = (outline){.visual = c->visual, .focus = focus, .reach = reach};
     o->normals = PCI_SCRATCH(scratch, double, 3 * layer->vertex_count);
     o->distances = PCI_SCRATCH(scratch, double, layer->vertex_count);
+    o->nearest = PCI_SCRATCH(scratch, uint32_t, layer->vertex_count);
     o->settled = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
     if (scratch->failed || !pci_halfedge_build(scratch, layer, &o->mesh)) {
         return false;
     }
-    o->normal_capacity = o->distance_capacity = layer->vertex_count;
+    o->normal_capacity = o->distance_capacity = o->nearest_capacity = layer->vertex_count;
     o->settled_capacity = layer->triangle_count;
     pci_vertex_normals(layer, o->normals);
     if (!pci_parallel_while_wanted(scratch->context, layer->vertex_count, grain, measure_outline,

@@ -73,6 +73,7 @@ lines 4 '"outcome":"done","code":0'
 lines 3 '"outcome":"failed","code":3,"error":"input","retryable":false,"message":"in/'
 line coats-long '"path":"in/coats/long.obj".*"results":\["coats-long"\]'
 line hats-old-top '"outcome":"done"'
+line cape "\"input_sha256\":\"$(sha256sum <in/cape.obj | cut -d ' ' -f 1)\""
 line nan 'vertex [0-9] has z'
 for extension in glb h5 json proxy.obj batch.json; do
     [ -f in/out/garments/hats-long/hats-long.$extension ] || fail "no hats-long.$extension"
@@ -126,7 +127,10 @@ for shard in 1 2 3; do
     cat stdout >>shards
 done
 [ "$(sort -u shards | wc -l)" -eq 7 ] || fail "the shards do not share the garments"
+[ -s whole/report.html ] || fail "no page"
+[ ! -e parts/report.html ] || fail "a page of a shard"
 batch 1 in -o parts
+[ -s parts/report.html ] || fail "no page of collected shards"
 lines 0 '"ran":true'
 for file in whole/garments/*/*; do
     case $file in
@@ -189,6 +193,7 @@ cat >limits.jsonl <<'EOF'
 EOF
 batch 1 limits.jsonl -o limits --garment-cpu-seconds 1
 line large '"code":7,"error":"limit","retryable":false,"message":".*--garment-cpu-seconds'
+[ "$(ls -A limits/garments/large)" = large.batch.json ] || fail "files of a child that was killed"
 line cape '"outcome":"done"'
 batch 1 limits.jsonl -o limits --garment-cpu-seconds 1
 lines 2 '"ran":false' # nothing changed

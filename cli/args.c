@@ -104,7 +104,7 @@ const pc_field *cli_setting_at(const cli_command *command, size_t index) {
 
 void cli_flag_name(const pc_field *field, char flag[64]) {
     size_t length = 0;
-    for (; field->name[length] != '\0' && length < 63; ++length) {
+    for (; length < 63 && field->name[length] != '\0'; ++length) {
         flag[length] = field->name[length] == '_' ? '-' : field->name[length];
     }
     flag[length] = '\0';

@@ -13,7 +13,7 @@
 /// - Vertices leave the centroids: they slide and edges flip towards even triangles, border
 ///   vertices stay on the border and its corners, then the faces are fitted to the single layer
 ///   and it to them, with weight on the largest distances.
-/// - Triangles with an angle below 40 degrees are treated one by one: their vertices search better
+/// - Triangles with an angle below 36 degrees are treated one by one: their vertices search better
 ///   places, edges collapse or split, and the vertex count is balanced elsewhere. So sleeves stay
 ///   tubes of at least three edges around, and straps become strips one triangle wide. What is
 ///   narrower still is widened, by at most .7 edge lengths.

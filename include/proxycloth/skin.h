@@ -36,9 +36,9 @@
 /// is below 1, and divided by 4 when L_r is still above 70 % of the first guess after the first and
 /// the second of the three phases (k_B candidates, half way, K).
 ///
-/// Time: about 30 ns per vertex, frame and round or epoch on one core, in float, and 5 us per
-/// vertex and round. Memory: 2 kB per vertex and thread, and 32 B per vertex and frame (batches
-/// below 16 frames: as if each had 16), and 8 B per pair of proxy vertices.
+/// Time: about 20 ns per vertex, frame and round or epoch on one core, in float, and 5 us per
+/// vertex and round. Memory: about 1.5 kB per vertex, 12 B per proxy vertex and frame, and 8 B per
+/// pair of proxy vertices.
 ///
 /// Postconditions: weights >= 0, each row sums to 1 within 1e-12, rows sorted by falling weight.
 #ifndef PROXYCLOTH_SKIN_H
@@ -72,6 +72,15 @@ typedef enum pc_skin_weight_storage {
     PC_SKIN_WEIGHTS_U8,    ///< 8-bit integers, each row sums to exactly 255
 } pc_skin_weight_storage;
 
+/// Which channel of the vertex colors holds a vertex's share of the proxy (body.h).
+typedef enum pc_body_channel {
+    PC_BODY_CHANNEL_NONE,
+    PC_BODY_CHANNEL_RED,
+    PC_BODY_CHANNEL_GREEN,
+    PC_BODY_CHANNEL_BLUE,
+    PC_BODY_CHANNEL_ALPHA
+} pc_body_channel;
+
 typedef struct pc_skin_options {
     uint32_t solver;          ///< pc_skin_solver
     uint32_t influences;      ///< K of the result
@@ -92,8 +101,11 @@ typedef struct pc_skin_options {
     uint32_t max_bones;      ///< of the engine, for the proxy and the reserve; 0: no limit
     uint32_t reserve_bones;  ///< that the engine uses for something else
     uint32_t weight_storage; ///< pc_skin_weight_storage, in exported files
+    double body_blend;       ///< way from the pins to the free cloth, in exported files (body.h)
+    uint32_t body_channel;   ///< pc_body_channel, instead of body_blend
 } pc_skin_options;
 
+/// Losses in single precision, to about 1e-6 of themselves.
 typedef struct pc_skin_report {
     double loss_before; ///< lambda-weighted, normalised per frame and scale
     double loss_after;

@@ -3,7 +3,7 @@
 #include "core/heap.h"
 
 // Triangles with smaller angles are looked at, in degrees.
-static const double bad_angle = 40.0;
+static const double bad_angle = 36.0;
 // What an operation must gain, in degrees.
 static const double least_gain = 1.0;
 // Cosine between a new triangle and the fine surface at its corners.

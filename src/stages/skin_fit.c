@@ -210,18 +210,12 @@ static void hold_pinned(const pci_skin_fit *f, uint32_t *allowed) {
 
 // The closest points make the garment move as much as its proxy; smoothed, they have no kinks at
 // the proxy's edges that L_r would have to fight.
-static pc_status follow_proxy(const pci_skin_fit *f, pci_skin_alternation *a) {
-    pc_skin followed = {0};
-    pc_status status =
-        pc_skin_heat_smoothed(f->context, f->surface, f->proxy, FOLLOWED_INFLUENCES, &followed);
-    if (status == PC_ERROR_NUMERICAL) { // hardly any area conducts heat
-        status = pc_skin_closest_triangle(f->context, f->surface, f->proxy, &followed);
-    }
-    if (status == PC_OK) {
-        pci_skin_alternation_follow(a, f->proxy, &followed);
-    }
-    pc_skin_free(f->context, &followed);
-    return status;
+static pc_status find_followed(const pci_skin_fit *f, pc_skin *followed) {
+    const pc_status status =
+        pc_skin_heat_smoothed(f->context, f->surface, f->proxy, FOLLOWED_INFLUENCES, followed);
+    return status == PC_ERROR_NUMERICAL // hardly any area conducts heat
+               ? pc_skin_closest_triangle(f->context, f->surface, f->proxy, followed)
+               : status;
 }
 
 static void normalize_rows(const pci_skin_fit *f) {
@@ -249,11 +243,21 @@ pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_
     uint32_t widths[PHASES];
     phase_widths(f, widths);
     pci_skin_alternation a;
-    if (!pci_skin_alternation_build(scratch, p, pci_skin_kernel_float(), &a)) {
-        return pci_fail_memory(f->context, stage);
-    }
-    pc_status status = follow_proxy(f, &a);
     pci_skin_measures measures = {0};
+    pc_skin followed = {0};
+    pc_status status = find_followed(f, &followed);
+    if (status != PC_OK) {
+        return status;
+    }
+    if (pci_skin_alternation_build(scratch, p, pci_skin_kernel_float(), &a)) {
+        pci_skin_alternation_follow(&a, f->proxy, &followed);
+    } else {
+        status = pci_fail_memory(f->context, stage);
+    }
+    pc_skin_free(f->context, &followed);
+    if (status != PC_OK) {
+        return status;
+    }
     normalize_rows(f);
     if (status == PC_OK) {
         status = pci_skin_alternation_measure(&a, f->weights, &measures);

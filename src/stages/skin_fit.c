@@ -78,8 +78,7 @@ static double normalize_losses(const pci_skin_fit *f, const pci_skin_measures *m
     return total;
 }
 
-static pc_status measure(pci_scratch *scratch, const pci_skin_fit *f, double losses[3],
-                         double *total, uint64_t *reflections) {
+static pc_status measure(pci_scratch *scratch, const pci_skin_fit *f, pci_skin_measures *measures) {
     const pci_skin_problem *p = &f->problem;
     double *weights = PCI_SCRATCH(scratch, double, p->vertex_count * p->slots);
     if (weights == NULL) {
@@ -88,31 +87,26 @@ static pc_status measure(pci_scratch *scratch, const pci_skin_fit *f, double los
     for (size_t v = 0; v < p->vertex_count; ++v) {
         pci_skin_normalize(&f->weights[v * p->slots], p->slots, &weights[v * p->slots]);
     }
-    pci_skin_measures measures;
-    const pc_status status =
-        pci_skin_measure(f->context, p, pci_skin_kernel_float(), weights, &measures, NULL);
-    *total = normalize_losses(f, &measures, losses);
-    *reflections = measures.reflections;
-    return status;
+    return pci_skin_measure(f->context, p, pci_skin_kernel_float(), weights, measures, NULL);
 }
 
-static pc_status measure_before(pci_scratch *scratch, const pci_skin_fit *f, pc_skin_report *r) {
+static void report_before(const pci_skin_fit *f, const pci_skin_measures *measures,
+                          pc_skin_report *r) {
     double losses[3];
-    uint64_t reflections;
-    const pc_status status = measure(scratch, f, losses, &r->loss_before, &reflections);
+    r->loss_before = normalize_losses(f, measures, losses);
     r->rigid_before = losses[0];
     r->collision_before = losses[1];
     r->attachment_before = losses[2];
-    return status;
 }
 
-static pc_status measure_after(pci_scratch *scratch, const pci_skin_fit *f, pc_skin_report *r) {
+static void report_after(const pci_skin_fit *f, const pci_skin_measures *measures,
+                         pc_skin_report *r) {
     double losses[3];
-    const pc_status status = measure(scratch, f, losses, &r->loss_after, &r->reflections);
+    r->loss_after = normalize_losses(f, measures, losses);
     r->rigid_after = losses[0];
     r->collision_after = losses[1];
     r->attachment_after = losses[2];
-    return status;
+    r->reflections = measures->reflections;
 }
 
 // Layers that the proxy moves through each other cannot be held together by weights; they must not
@@ -160,7 +154,9 @@ static pc_status descend(const pci_skin_fit *f, size_t phase) {
 pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *f, pc_skin_report *r) {
     uint32_t widths[PHASES];
     phase_widths(f, widths);
-    pc_status status = measure_before(scratch, f, r);
+    pci_skin_measures measures = {0};
+    pc_status status = measure(scratch, f, &measures);
+    report_before(f, &measures, r);
     const bool balanced = balance(f, r);
     for (size_t phase = 0; phase < PHASES && status == PC_OK; ++phase) {
         if (widths[phase] < f->problem.slots) {
@@ -170,9 +166,9 @@ pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *f, pc_skin_repo
             status = descend(f, phase);
         }
         if (status == PC_OK && phase + 1 < PHASES) {
-            double losses[3] = {0.0}, total = 0.0;
-            uint64_t reflections = 0;
-            status = measure(scratch, f, losses, &total, &reflections);
+            double losses[3];
+            status = measure(scratch, f, &measures);
+            const double total = normalize_losses(f, &measures, losses);
             r->full_loss = phase == 0 ? total : r->full_loss;
             if (balanced) {
                 (void)rebalance(f, r, losses[0]);
@@ -180,7 +176,11 @@ pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *f, pc_skin_repo
         }
     }
     r->spatial_share = f->spatial_share;
-    return status == PC_OK ? measure_after(scratch, f, r) : status;
+    if (status == PC_OK) {
+        status = measure(scratch, f, &measures);
+        report_after(f, &measures, r);
+    }
+    return status;
 }
 
 // ---- alternation --------------------------------------------------------------------------------
@@ -210,18 +210,21 @@ static void hold_pinned(const pci_skin_fit *f, uint32_t *allowed) {
 
 // The closest points make the garment move as much as its proxy; smoothed, they have no kinks at
 // the proxy's edges that L_r would have to fight.
-static pc_status follow_proxy(const pci_skin_fit *f, pci_skin_alternation *a) {
-    pc_skin followed = {0};
-    pc_status status =
-        pc_skin_heat_smoothed(f->context, f->surface, f->proxy, FOLLOWED_INFLUENCES, &followed);
-    if (status == PC_ERROR_NUMERICAL) { // hardly any area conducts heat
-        status = pc_skin_closest_triangle(f->context, f->surface, f->proxy, &followed);
+static pc_status find_followed(const pci_skin_fit *f, pc_skin *followed) {
+    const pc_status status =
+        pc_skin_heat_smoothed(f->context, f->surface, f->proxy, FOLLOWED_INFLUENCES, followed);
+    return status == PC_ERROR_NUMERICAL // hardly any area conducts heat
+               ? pc_skin_closest_triangle(f->context, f->surface, f->proxy, followed)
+               : status;
+}
+
+static void normalize_rows(const pci_skin_fit *f) {
+    const uint32_t slots = f->problem.slots;
+    for (size_t v = 0; v < f->problem.vertex_count; ++v) {
+        double row[PCI_SKIN_CANDIDATES_MAX];
+        pci_skin_normalize(&f->weights[v * slots], slots, row);
+        memcpy(&f->weights[v * slots], row, slots * sizeof(*row));
     }
-    if (status == PC_OK) {
-        pci_skin_alternation_follow(a, f->proxy, &followed);
-    }
-    pc_skin_free(f->context, &followed);
-    return status;
 }
 
 static pc_status weigh(pci_scratch *scratch, const pci_skin_fit *f, pci_skin_alternation *a) {
@@ -240,19 +243,28 @@ pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_
     uint32_t widths[PHASES];
     phase_widths(f, widths);
     pci_skin_alternation a;
-    if (!pci_skin_alternation_build(scratch, p, pci_skin_kernel_float(), &a)) {
-        return pci_fail_memory(f->context, stage);
+    pci_skin_measures measures = {0};
+    pc_skin followed = {0};
+    pc_status status = find_followed(f, &followed);
+    if (status != PC_OK) {
+        return status;
     }
-    pc_status status = follow_proxy(f, &a);
+    if (pci_skin_alternation_build(scratch, p, pci_skin_kernel_float(), &a)) {
+        pci_skin_alternation_follow(&a, f->proxy, &followed);
+    } else {
+        status = pci_fail_memory(f->context, stage);
+    }
+    pc_skin_free(f->context, &followed);
+    if (status != PC_OK) {
+        return status;
+    }
+    normalize_rows(f);
     if (status == PC_OK) {
-        status = measure_before(scratch, f, r);
+        status = pci_skin_alternation_measure(&a, f->weights, &measures);
+        report_before(f, &measures, r);
     }
     hold_pinned(f, a.allowed);
-    for (size_t v = 0; v < p->vertex_count; ++v) {
-        double row[PCI_SKIN_CANDIDATES_MAX];
-        pci_skin_normalize(&f->weights[v * slots], slots, row);
-        memcpy(&f->weights[v * slots], row, slots * sizeof(*row));
-    }
+    normalize_rows(f);
     const bool balanced = balance(f, r);
     if (status == PC_OK) {
         status = weigh(scratch, f, &a);
@@ -261,7 +273,6 @@ pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_
         if (phase > 0) {
             // The pass over the frames before slots are taken away also measures.
             double losses[3];
-            pci_skin_measures measures;
             status = pci_skin_alternation_prune(&a, widths[phase], f->weights, &measures);
             if (status != PC_OK) {
                 break;
@@ -273,15 +284,17 @@ pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_
             }
         }
         if (status == PC_OK) {
-            status = pci_skin_alternation_run(&a, phase_share(o->rounds, phase), o->round_gain,
-                                              phase == 0 ? 0.0 : phase_ends[phase - 1],
-                                              phase_ends[phase], f->weights);
+            status = pci_skin_alternation_run(
+                &a, phase_share(o->rounds, phase), o->round_gain, phase + 1 < PHASES,
+                phase == 0 ? 0.0 : phase_ends[phase - 1], phase_ends[phase], f->weights);
         }
     }
     r->rounds = a.rounds;
     r->spatial_share = f->spatial_share;
-    if (status == PC_OK && widths[PHASES - 1] < slots) {
-        status = cut(scratch, f, widths[PHASES - 1]);
+    if (status == PC_OK) {
+        status = pci_skin_alternation_measure(&a, f->weights, &measures);
+        report_after(f, &measures, r);
     }
-    return status == PC_OK ? measure_after(scratch, f, r) : status;
+    return status == PC_OK && widths[PHASES - 1] < slots ? cut(scratch, f, widths[PHASES - 1])
+                                                         : status;
 }

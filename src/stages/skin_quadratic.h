@@ -14,11 +14,13 @@ typedef struct pci_skin_group {
     uint32_t row_count, bone_count;
     uint32_t *row_numbers;  // #V: 1 + number of the row, or 0
     uint32_t *bone_numbers; // #P: likewise, while the group is loaded
-    uint32_t *vertices;     // #rows
-    uint32_t *places;       // #rows by slots: numbers of the bones
-    double *moved;          // #rows by slots: w - w0
+    uint32_t *vertices;     // #rows, those of the group first
+    uint32_t *row_offsets;  // #rows + 1
+    uint32_t *places;       // slots of all rows: numbers of the bones
+    double *moved;          // slots of all rows: w - w0
+    uint32_t *positions;    // of the slots of the group, in the two arrays above
     uint32_t *bones;        // #bones
-    double *gram;           // #bones by #bones
+    double *gram;           // #bones by #bones, rows of the bones of the group
     double *accumulator;    // #bones
 } pci_skin_group;
 
@@ -46,6 +48,11 @@ typedef struct pci_skin_quadratic {
 bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *problem,
                               const double scale[4], const double *diagonal, const double *gram,
                               const uint32_t *allowed, pci_skin_quadratic *quadratic);
+
+// Other factors of the losses. False: out of memory.
+bool pci_skin_quadratic_weigh(pci_scratch *scratch, const pci_skin_problem *problem,
+                              const double scale[4], const double *diagonal,
+                              pci_skin_quadratic *quadratic);
 
 // One Gauss-Seidel sweep over all vertices, each minimised exactly over the simplex.
 // @param[in]     reference, gradient  W0 and g0.

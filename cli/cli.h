@@ -15,7 +15,9 @@ typedef enum cli_exit {
     CLI_INPUT = 3,
     CLI_OUTPUT = 4,
     CLI_INTERNAL = 5,
-    CLI_IMPORTER = 6,
+    CLI_IMPORTER = 6,   // the importer crashed
+    CLI_LIMIT = 7,      // of time or memory
+    CLI_TRANSIENT = 75, // may go well another time; EX_TEMPFAIL of sysexits.h
     CLI_INTERRUPTED = 130
 } cli_exit;
 
@@ -32,11 +34,21 @@ typedef struct cli_settings {
     bool strip;
     bool json;
     bool motion;
+    bool print_options;
+    uint32_t jobs;           // 0: one per core
+    uint32_t garment_memory; // MiB; 0: the machine's over the jobs
+    double garment_seconds;
+    double garment_cpu_seconds;
+    bool dry_run;
+    bool force;
+    bool retry_failed;
     bool quiet;
     bool verbose;
 } cli_settings;
 
 extern const pc_record cli_settings_record;
+// Those that an options file may hold, under "program": the first fields of the same struct.
+extern const pc_record cli_file_settings_record;
 
 // Which options a command accepts, besides --help, --quiet, --verbose and --threads.
 typedef enum cli_accepts {
@@ -49,18 +61,23 @@ typedef enum cli_accepts {
     CLI_MOTION = 1 << 6,        // --motion and its options
     CLI_SCENARIO = 1 << 7,      // --scenario
     CLI_WRITE_LP = 1 << 8,      // --write-lp
-    CLI_PARTS = 1 << 9          // --parts
+    CLI_PARTS = 1 << 9,         // --parts
+    CLI_OPTIONS = 1 << 10,      // --options, --preset, --print-options
+    CLI_BATCH = 1 << 11         // --jobs, --shard and the like
 } cli_accepts;
 
 enum { CLI_MAXIMUM_LEVELS = 16 };
 
 typedef struct cli_arguments {
-    const char *inputs[2];
+    const char **inputs;
     size_t input_count;
-    const char *output;   // NULL: not given
-    const char *name;     // NULL: not given
-    const char *scenario; // file; its options are in `options`, flags override them
-    const char *lp;       // NULL: not given
+    const char *output; // NULL: not given, here and below
+    const char *name;
+    const char *preset; // its options are in `options`, as are those of the files below,
+    const char *options_file;
+    const char *scenario; // each overriding the one before; flags override them all
+    const char *lp;
+    const char *shard; // "2/5"
     const char **patterns;
     size_t pattern_count;
     bool help;
@@ -76,12 +93,28 @@ typedef struct cli_command {
     const char *operands; // as shown in the usage line
     const char *summary;
     const char *details; // more lines for `help COMMAND`
+    const char *example; // arguments of a run that makes sense
     size_t minimum_inputs, maximum_inputs;
     unsigned accepts; // cli_accepts
     unsigned stages;  // bit per pc_stage whose options are accepted
     pc_stage stage;   // of the commands that run one stage
     int (*run)(const struct cli_command *command, cli_arguments *arguments);
 } cli_command;
+
+// A flag that takes a text.
+typedef struct cli_text_flag {
+    const char *name;
+    const char *value; // what help texts call its value
+    const char *help;  // one sentence
+    unsigned accepts;  // cli_accepts, one bit
+    size_t offset;     // in cli_arguments, of a pointer or, if repeatable, of the patterns
+    bool repeatable;
+} cli_text_flag;
+
+// The flags of a command, in the order of the help text; NULL behind the last.
+const cli_text_flag *cli_text_flag_at(const cli_command *command, size_t index);
+// The same for the settings.
+const pc_field *cli_setting_at(const cli_command *command, size_t index);
 
 // Fills `command` with the command of that name; false when there is none. Commands are numbered
 // from 0 in the order of the help text.
@@ -102,10 +135,19 @@ void cli_arguments_free(cli_arguments *arguments);
 
 // Name of the flag of a field: --NAME with dashes.
 void cli_flag_name(const pc_field *field, char flag[64]);
+// The letter of a flag ("output": 'o'), or 0.
+char cli_flag_letter(const char *name);
+
+// The groups of an options file: the stages' and the program's.
+enum { CLI_OPTION_GROUPS = PC_STAGE_COUNT + 1 };
+void cli_option_groups(cli_arguments *arguments, pc_option_group groups[CLI_OPTION_GROUPS]);
+int cli_print_options(const cli_command *command, cli_arguments *arguments);
 
 int cli_run_help(const cli_command *command, cli_arguments *arguments);
+int cli_run_completion(const cli_command *command, cli_arguments *arguments);
 void cli_print_help(const cli_command *command);
 int cli_run_build(const cli_command *command, cli_arguments *arguments);
+int cli_run_batch(const cli_command *command, cli_arguments *arguments);
 int cli_run_stage(const cli_command *command, cli_arguments *arguments);
 int cli_run_export(const cli_command *command, cli_arguments *arguments);
 int cli_run_info(const cli_command *command, cli_arguments *arguments);
@@ -129,6 +171,15 @@ int cli_fail_status(const char *command, pc_context *context, pc_status status, 
 void cli_warn_report(const char *command, const char *stage, const pc_record *record,
                      const void *report);
 
+// Shows how far a long run is, in place, where stderr is a terminal.
+__attribute__((format(printf, 1, 2))) void cli_show_progress(const char *format, ...);
+
+// Prints a line on stdout at once, for whoever reads along.
+void cli_print_line(const char *text);
+
+// Seconds of a clock that only runs forward.
+double cli_now(void);
+
 // Copies text, with control characters and bytes that are not UTF-8 replaced by '?'.
 void cli_clean_text(char *out, size_t size, const char *text);
 
@@ -137,6 +188,9 @@ void cli_clean_text(char *out, size_t size, const char *text);
 // Creates a context with callbacks for progress, messages and interruption. No thread exists before
 // this call: import files first.
 int cli_context(const cli_command *command, const cli_arguments *arguments, pc_context **context);
+
+// What of messages and progress is wanted; cli_context calls it too.
+void cli_set_messages(const cli_command *command, const cli_arguments *arguments);
 
 // From now on SIGINT, SIGTERM and SIGHUP set a flag. While the library computes, a second signal
 // ends the program at once: a long loop may not ask for progress.
@@ -185,6 +239,7 @@ typedef struct cli_output {
     size_t name_count, name_capacity;
 } cli_output;
 
+// Makes the folder, its missing parents, and the staging folder.
 int cli_output_begin(const cli_command *command, const char *folder, cli_output *output);
 // Path of a new file in the staging folder; NULL when memory ran out.
 char *cli_output_add(cli_output *output, const char *stem, const char *extension);

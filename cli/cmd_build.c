@@ -72,7 +72,7 @@ int cli_export_files(const cli_command *command, const cli_arguments *arguments,
         }
         char *path = cli_output_add(output, asset->name, extensions[file]);
         if (path == NULL) {
-            return cli_fail(command->name, CLI_FAILED, "memory ran out");
+            return cli_fail(command->name, CLI_LIMIT, "memory ran out");
         }
         status = write_file(context, file, asset, timings, &measures, path);
         free(path);
@@ -137,7 +137,7 @@ static int make_room(build_run *r, size_t garments) {
     r->timings = calloc(garments, sizeof(*r->timings));
     r->results = calloc(garments * levels, sizeof(*r->results));
     if (r->assets == NULL || r->timings == NULL || r->results == NULL) {
-        return cli_fail(r->command->name, CLI_FAILED, "memory ran out");
+        return cli_fail(r->command->name, CLI_LIMIT, "memory ran out");
     }
     r->garment_count = garments;
     return CLI_OK;
@@ -233,7 +233,7 @@ static uint32_t *share(const build_run *r, uint32_t vertices) {
     if (status != PC_OK) {
         free(shares);
         shares = NULL;
-        (void)cli_fail(r->command->name, CLI_FAILED, "memory ran out");
+        (void)cli_fail(r->command->name, CLI_LIMIT, "memory ran out");
     }
     return shares;
 }

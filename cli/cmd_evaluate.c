@@ -121,7 +121,7 @@ int cli_run_evaluate(const cli_command *command, cli_arguments *arguments) {
     cli_catch_signals();
     eval_side *sides = calloc(2, sizeof(*sides));
     pc_context *context = NULL;
-    int code = sides != NULL ? CLI_OK : cli_fail(command->name, CLI_FAILED, "memory ran out");
+    int code = sides != NULL ? CLI_OK : cli_fail(command->name, CLI_LIMIT, "memory ran out");
     for (size_t i = 0; i < 2 && code == CLI_OK; ++i) {
         code = import_side(command, arguments, i, &sides[i]);
     }

@@ -76,7 +76,7 @@ static int run_levels(const cli_command *command, const cli_arguments *arguments
         char *path = level_path(output, arguments->levels[i]);
         code = path != NULL
                    ? cli_extend_name(command, base, "lod", arguments->levels[i], asset->name)
-                   : cli_fail(command->name, CLI_FAILED, "memory ran out");
+                   : cli_fail(command->name, CLI_LIMIT, "memory ran out");
         if (code == CLI_OK) {
             code = run_and_save(command, context, &options, asset, arguments, path);
         }

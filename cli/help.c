@@ -11,7 +11,9 @@ static const char exit_codes[] = "Exit codes:\n"
                                  "    3  an input cannot be read or processed\n"
                                  "    4  an output cannot be written\n"
                                  "    5  internal error\n"
-                                 "    6  the importer crashed or hit a limit of time or memory\n"
+                                 "    6  the importer crashed\n"
+                                 "    7  a limit of time or memory was hit\n"
+                                 "   75  failed for now: another try may help\n"
                                  "  130  interrupted\n";
 
 static void print_line(const char *left, const char *help, const char *note) {
@@ -45,9 +47,12 @@ static void describe_value(const pc_field *field, char *text, size_t size) {
 static void print_field(const pc_field *field) {
     char flag[64], left[160], note[256];
     cli_flag_name(field, flag);
+    const char letter = cli_flag_letter(flag);
     if (field->type != PC_FIELD_BOOL) {
         snprintf(left, sizeof(left), "--%s %s", flag,
                  field->type == PC_FIELD_CHOICE ? "CHOICE" : "NUMBER");
+    } else if (letter != '\0') {
+        snprintf(left, sizeof(left), "-%c, --%s", letter, flag);
     } else {
         snprintf(left, sizeof(left), "--%s, --no-%s", flag, flag);
     }
@@ -55,58 +60,40 @@ static void print_field(const pc_field *field) {
     print_line(left, field->help, note);
 }
 
-static void print_setting(const char *name) {
-    print_field(pc_record_find(&cli_settings_record, name));
-}
-
 void cli_print_help(const cli_command *command) {
     printf("usage: proxycloth %s %s%s\n\n%s\n%s", command->name, command->operands,
            command->minimum_inputs != 0 ? " [options]" : "", command->summary,
            command->details != NULL ? command->details : "");
+    if (command->example != NULL) {
+        printf("\nExample:\n  proxycloth %s %s\n", command->name, command->example);
+    }
     printf("\nOptions:\n");
-    if ((command->accepts & CLI_OUTPUT_FOLDER) != 0) {
-        print_line("-o, --output OUTDIR", "Folder for the results; made when missing", "");
+    const cli_text_flag *text;
+    for (size_t i = 0; (text = cli_text_flag_at(command, i)) != NULL; ++i) {
+        char left[160];
+        const char letter = cli_flag_letter(text->name);
+        const char prefix[] = {'-', letter, ',', ' ', '\0'};
+        snprintf(left, sizeof(left), "%s--%s %s", letter != '\0' ? prefix : "", text->name,
+                 text->value);
+        print_line(left, text->help, "");
     }
-    if ((command->accepts & CLI_OUTPUT_FILE) != 0) {
-        print_line("-o, --output ASSET", "Asset file to write", "");
-    }
-    if ((command->accepts & CLI_WRITE_LP) != 0) {
-        print_line("--write-lp FILE", "Write the integer program too, in CPLEX LP format", "");
-    }
-    if ((command->accepts & CLI_NAME) != 0) {
-        print_line("--name NAME", "Name of the garment and of its files",
-                   "[default: the input's name]");
-    }
-    if ((command->accepts & CLI_MESH) != 0) {
-        print_line("--mesh GLOB", "Take only parts whose mesh, node or material name matches;",
-                   "may be repeated");
-        print_setting("import_seconds");
-        print_setting("import_memory");
-    }
-    if ((command->accepts & CLI_PARTS) != 0) {
-        print_setting("parts");
-    }
-    if ((command->accepts & CLI_SCENARIO) != 0) {
-        print_line("--scenario FILE.json", "What the proxy goes through: winds, pins, attachment,",
-                   "colliders");
-    }
-    if ((command->accepts & CLI_PNG) != 0) {
-        print_setting("png");
-        print_setting("strip");
+    const pc_field *setting;
+    for (size_t i = 0; (setting = cli_setting_at(command, i)) != NULL; ++i) {
+        print_field(setting);
     }
     if ((command->accepts & CLI_MOTION) != 0) {
-        print_setting("motion");
         for (size_t i = 0; i < pc_evaluate_motion_options_record.field_count; ++i) {
             print_field(&pc_evaluate_motion_options_record.fields[i]);
         }
     }
-    if ((command->accepts & CLI_JSON) != 0) {
-        print_setting("json");
-    }
-    print_setting("threads");
-    print_line("-q, --quiet", "Print errors only", "");
-    print_line("-v, --verbose", "Print more about each stage", "");
     print_line("-h, --help", "Print this text", "");
+    if ((command->accepts & CLI_OPTIONS) != 0) {
+        printf("\nPresets:\n");
+        const pc_preset *preset;
+        for (size_t i = 0; (preset = pc_preset_at(i)) != NULL; ++i) {
+            print_line(preset->name, preset->summary, "");
+        }
+    }
     for (pc_stage stage = 0; stage < PC_STAGE_COUNT; ++stage) {
         const pc_stage_info *info = pc_stage_describe(stage);
         if ((command->stages & 1u << stage) == 0 || info->options->field_count == 0) {

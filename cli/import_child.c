@@ -1,8 +1,9 @@
 // Importing in a child process. assimp crashes or hangs on some damaged files, so it runs behind
 // limits of memory and time, and the parent believes nothing it says. A plain fork does: no thread
 // exists yet, and nothing has to be looked up or passed as with a second program.
-#define _DEFAULT_SOURCE // RLIMIT_AS, setrlimit
+#define _DEFAULT_SOURCE // RLIMIT_AS
 #define _POSIX_C_SOURCE 200809L
+#include "child.h"
 #include "scene.h"
 
 #include <errno.h>
@@ -17,47 +18,19 @@
 #include <time.h>
 #include <unistd.h>
 
-// AddressSanitizer reserves terabytes of addresses: no limit on them then.
-#if defined(__SANITIZE_ADDRESS__)
-#define LIMIT_ADDRESSES 0
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer)
-#define LIMIT_ADDRESSES 0
-#endif
-#endif
-#ifndef LIMIT_ADDRESSES
-#define LIMIT_ADDRESSES 1
-#endif
-
-static void limit(int resource, double amount) {
-    const rlim_t value = (rlim_t)amount;
-    const struct rlimit both = {.rlim_cur = value, .rlim_max = value};
-    (void)setrlimit((__rlimit_resource_t)resource, &both);
-}
-
 _Noreturn static void run_child(const cli_settings *settings, const char *path, scene_format format,
                                 int descriptor) {
-    signal(SIGINT, SIG_DFL);
-    signal(SIGTERM, SIG_DFL);
-    signal(SIGHUP, SIG_DFL);
     const int null = open("/dev/null", O_RDWR);
     if (null >= 0) {
         dup2(null, STDIN_FILENO);
         dup2(null, STDOUT_FILENO);
         dup2(null, STDERR_FILENO);
     }
-    limit(RLIMIT_CORE, 0.0);
-    limit(RLIMIT_CPU, ceil(settings->import_seconds));
-    if (LIMIT_ADDRESSES) {
-        limit(RLIMIT_AS, (double)settings->import_memory * 1048576.0);
-    }
+    child_limit(RLIMIT_FSIZE, 0.0); // also where scene_isolate is not available; pipes have no size
+    child_limit_seconds(settings->import_seconds);
+    child_limit_memory(RLIMIT_AS, settings->import_memory);
+    (void)scene_isolate(descriptor);
     _exit(scene_read(path, format, descriptor));
-}
-
-static double now(void) {
-    struct timespec time;
-    clock_gettime(CLOCK_MONOTONIC, &time);
-    return (double)time.tv_sec + 1e-9 * (double)time.tv_nsec;
 }
 
 typedef enum receive_end {
@@ -79,7 +52,7 @@ static receive_end receive(int descriptor, double deadline, size_t maximum, rece
         if (cli_interrupted()) {
             return END_INTERRUPT;
         }
-        const double left = deadline - now();
+        const double left = deadline - cli_now();
         if (left <= 0.0) {
             return END_TIME;
         }
@@ -119,7 +92,7 @@ static int reap(pid_t child, double deadline, bool *timed_out) {
         if (ended == child || (ended < 0 && errno != EINTR)) {
             return status;
         }
-        if (now() >= deadline || cli_interrupted()) {
+        if (cli_now() >= deadline || cli_interrupted()) {
             *timed_out = !cli_interrupted();
             kill(-child, SIGKILL);
             while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
@@ -132,14 +105,14 @@ static int reap(pid_t child, double deadline, bool *timed_out) {
 }
 
 static int fail_time(const char *command, const char *path, double seconds) {
-    return cli_fail(command, CLI_IMPORTER,
+    return cli_fail(command, CLI_LIMIT,
                     "%s: reading took longer than %.10g s; the file may be damaged, or raise "
                     "--import-seconds",
                     path, seconds);
 }
 
 static int fail_memory(const char *command, const char *path, uint32_t mebibytes) {
-    return cli_fail(command, CLI_IMPORTER,
+    return cli_fail(command, CLI_LIMIT,
                     "%s: reading needs more than %u MiB of memory; the file may be damaged, or "
                     "raise --import-memory",
                     path, mebibytes);
@@ -195,17 +168,14 @@ int scene_import(const cli_command *command, const cli_arguments *arguments, con
     const cli_settings *settings = &arguments->settings;
     int ends[2];
     if (pipe(ends) != 0) {
-        return cli_fail(command->name, CLI_FAILED, "%s: %s", path, strerror(errno));
+        return cli_fail(command->name, CLI_TRANSIENT, "%s: %s", path, strerror(errno));
     }
-    fflush(NULL);
-    const pid_t child = fork();
+    const pid_t child = child_fork();
     if (child < 0) {
         close(ends[0]);
         close(ends[1]);
-        return cli_fail(command->name, CLI_FAILED, "%s: %s", path, strerror(errno));
+        return cli_fail(command->name, CLI_TRANSIENT, "%s: %s", path, strerror(errno));
     }
-    // A group of its own, set on both sides so that it exists whoever runs first.
-    (void)setpgid(child, child);
     if (child == 0) {
         close(ends[0]);
         run_child(settings, path, format, ends[1]);
@@ -213,7 +183,7 @@ int scene_import(const cli_command *command, const cli_arguments *arguments, con
     close(ends[1]);
 
     received data = {0};
-    const double deadline = now() + settings->import_seconds;
+    const double deadline = cli_now() + settings->import_seconds;
     const receive_end end =
         receive(ends[0], deadline, (size_t)settings->import_memory << 20, &data);
     close(ends[0]);
@@ -230,7 +200,7 @@ int scene_import(const cli_command *command, const cli_arguments *arguments, con
     } else if (end == END_MEMORY) {
         result = fail_memory(command->name, path, settings->import_memory);
     } else if (end == END_ERROR) {
-        result = cli_fail(command->name, CLI_FAILED, "%s: the importer cannot be heard", path);
+        result = cli_fail(command->name, CLI_TRANSIENT, "%s: the importer cannot be heard", path);
     } else {
         result = judge(command->name, path, settings, status, &data, scene);
     }

@@ -91,7 +91,7 @@ int scene_import_selected(const cli_command *command, const cli_arguments *argum
     }
     *chosen = calloc(scene->header.part_count + 1, 1);
     if (*chosen == NULL) {
-        code = cli_fail(command->name, CLI_FAILED, "%s: memory ran out", path);
+        code = cli_fail(command->name, CLI_LIMIT, "%s: memory ran out", path);
     } else if (scene_select(scene, arguments->patterns, arguments->pattern_count, *chosen) == 0 &&
                arguments->pattern_count != 0) {
         char names[1024];

@@ -1,132 +1,8 @@
-// Dispatch: the table of commands.
+// Dispatch.
 #include "cli.h"
 
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
-
-static int run_version(const cli_command *command, cli_arguments *arguments) {
-    (void)command;
-    (void)arguments;
-    printf("proxycloth %s\n", pc_version());
-    return CLI_OK;
-}
-
-enum { all_stages = (1u << PC_STAGE_COUNT) - 1 };
-
-static const cli_command commands_before[] = {
-    {.name = "build",
-     .operands = "INPUT -o OUTDIR",
-     .summary = "garment mesh -> proxy mesh, simulated frames and skinning weights",
-     .details = "INPUT is an OBJ, FBX, glTF, GLB, DAE, PLY or STL file. Writes NAME.glb,\n"
-                "NAME.proxy.obj, NAME.h5, NAME.json and NAME.png into OUTDIR, over older ones.\n"
-                "Several levels of detail in one run: --vertices 64,128,512 writes NAME.lod64.glb\n"
-                "and so on, each a proxy with motion and weights of its own.\n"
-                "Several garments in one file: --parts separate writes NAME.part1.glb and so on,\n"
-                "the largest first, and shares the vertices by area; linings, pockets and buttons\n"
-                "stay with what they lie on.\n"
-                "OBJ, PLY and STL files hold neither unit nor up axis and are taken as they are;\n"
-                "see --up-axis. FBX and DAE files are converted to metres and y up.\n",
-     .minimum_inputs = 1,
-     .maximum_inputs = 1,
-     .accepts = CLI_OUTPUT_FOLDER | CLI_NAME | CLI_MESH | CLI_PNG | CLI_SCENARIO | CLI_PARTS,
-     .stages = all_stages,
-     .run = cli_run_build},
-};
-
-static const cli_command commands_after[] = {
-    {.name = "export",
-     .operands = "ASSET -o OUTDIR",
-     .summary = "finished asset file -> glb, proxy.obj, json and png",
-     .minimum_inputs = 1,
-     .maximum_inputs = 1,
-     .accepts = CLI_OUTPUT_FOLDER | CLI_NAME | CLI_PNG,
-     .run = cli_run_export},
-    {.name = "info",
-     .operands = "FILE",
-     .summary = "list what a mesh, scene or asset file holds",
-     .minimum_inputs = 1,
-     .maximum_inputs = 1,
-     .accepts = CLI_JSON | CLI_MESH,
-     .run = cli_run_info},
-    {.name = "evaluate",
-     .operands = "VISUAL PROXY | --motion ASSET [WEIGHTS.glb]",
-     .summary = "measure a proxy mesh against its visual mesh, or skinning weights on a motion",
-     .details =
-         "VISUAL and PROXY may be asset files: the visual mesh or the proxy is taken.\n"
-         "--motion simulates the proxy of ASSET in another wind and compares its weights, those\n"
-         "in WEIGHTS.glb (of any program; one joint where each proxy vertex rests), and weights\n"
-         "without optimisation: inverse distance, closest triangle, the same smoothed.\n",
-     .minimum_inputs = 1,
-     .maximum_inputs = 2,
-     .accepts = CLI_JSON | CLI_MESH | CLI_MOTION | CLI_SCENARIO,
-     .run = cli_run_evaluate},
-    {.name = "help",
-     .operands = "[COMMAND]",
-     .summary = "explain a command and its options",
-     .maximum_inputs = 1,
-     .run = cli_run_help},
-    {.name = "version", .operands = "", .summary = "print the version", .run = run_version},
-};
-
-enum {
-    before_count = sizeof(commands_before) / sizeof(commands_before[0]),
-    after_count = sizeof(commands_after) / sizeof(commands_after[0])
-};
-
-static cli_command stage_command(pc_stage stage) {
-    const pc_stage_info *info = pc_stage_describe(stage);
-    cli_command command = {.name = info->name,
-                           .operands = "ASSET [-o ASSET]",
-                           .summary = info->summary,
-                           .details = "Writes the result back into ASSET, or to the file behind "
-                                      "-o. Results of later\nstages are dropped.\n",
-                           .minimum_inputs = 1,
-                           .maximum_inputs = 1,
-                           .accepts = CLI_OUTPUT_FILE,
-                           .stages = 1u << stage,
-                           .stage = stage,
-                           .run = cli_run_stage};
-    if (stage == PC_STAGE_SIMPLIFY) {
-        command.details = "Writes the result back into ASSET, or to the file behind -o. Results of "
-                          "later\nstages are dropped. --vertices 64,128,512 writes one file per "
-                          "level of detail,\nASSET.lod64.h5 and so on; ASSET stays as it is.\n";
-    }
-    if (stage == PC_STAGE_LABEL) {
-        command.accepts |= CLI_WRITE_LP;
-    }
-    if (stage == PC_STAGE_VOXELIZE) {
-        command.operands = "INPUT -o ASSET";
-        command.details = "INPUT is a mesh or scene file, or an asset file whose visual mesh is "
-                          "taken.\n";
-        command.accepts |= CLI_NAME | CLI_MESH;
-    } else if (stage == PC_STAGE_SIMULATE) {
-        command.accepts |= CLI_SCENARIO;
-    }
-    return command;
-}
-
-bool cli_command_at(size_t index, cli_command *command) {
-    if (index < before_count) {
-        *command = commands_before[index];
-    } else if (index < before_count + PC_STAGE_COUNT) {
-        *command = stage_command((pc_stage)(index - before_count));
-    } else if (index < before_count + PC_STAGE_COUNT + after_count) {
-        *command = commands_after[index - before_count - PC_STAGE_COUNT];
-    } else {
-        return false;
-    }
-    return true;
-}
-
-bool cli_find_command(const char *name, cli_command *command) {
-    for (size_t i = 0; cli_command_at(i, command); ++i) {
-        if (strcmp(command->name, name) == 0) {
-            return true;
-        }
-    }
-    return false;
-}
 
 static int unknown_command(const char *name) {
     cli_guess guess = {.word = name};
@@ -159,6 +35,8 @@ int main(int argc, char **argv) {
     if (code == CLI_OK) {
         if (arguments.help) {
             cli_print_help(&command);
+        } else if (arguments.settings.print_options) {
+            code = cli_print_options(&command, &arguments);
         } else {
             code = command.run(&command, &arguments);
         }

@@ -67,7 +67,7 @@ int cli_output_begin(const cli_command *command, const char *folder, cli_output 
     char *staging = join(folder, ".proxycloth-XXXXXX", "");
     if (output->folder == NULL || output->made == NULL || staging == NULL) {
         free(staging);
-        return cli_fail(command->name, CLI_FAILED, "memory ran out");
+        return cli_fail(command->name, CLI_LIMIT, "memory ran out");
     }
     memcpy(output->folder, folder, length + 1);
     const int error = make_folders(output);
@@ -137,7 +137,7 @@ int cli_output_commit(const cli_command *command, cli_output *output) {
         char *from = join(output->staging, name, "");
         char *to = join(output->folder, name, "");
         if (from == NULL || to == NULL) {
-            code = cli_fail(command->name, CLI_FAILED, "memory ran out");
+            code = cli_fail(command->name, CLI_LIMIT, "memory ran out");
         } else if (i < output->name_count) {
             code = check_target(command, to);
         } else {

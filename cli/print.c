@@ -60,7 +60,7 @@ int json_print(const char *command, cJSON *object) {
     char *text = object != NULL ? cJSON_Print(object) : NULL;
     cJSON_Delete(object);
     if (text == NULL) {
-        return cli_fail(command, CLI_FAILED, "memory ran out");
+        return cli_fail(command, CLI_LIMIT, "memory ran out");
     }
     puts(text);
     cJSON_free(text);

@@ -119,8 +119,16 @@ typedef enum scene_format {
 const char *scene_format_extension(scene_format format);
 const char *scene_format_name(scene_format format);
 
+// Whether a file's extension is that of a mesh or scene.
+bool scene_named_like_one(const char *path);
+
 // Recognises a file by its first bytes and its extension. Prints the message on failure.
 int scene_sniff(const char *command, const char *path, scene_format *format);
+
+// From now on this process can only read files, compute, and write to `descriptor`; for good. False
+// where the system has no such filter (Linux on x86-64 and AArch64 has): then only the limits of
+// the import child hold.
+bool scene_isolate(int descriptor);
 
 // Animation keys of a GLB file as floats: the same bytes where they are, else new ones.
 char *scene_unpack_glb(char *bytes, size_t *size);

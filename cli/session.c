@@ -116,6 +116,9 @@ int cli_fail_status(const char *command, pc_context *context, pc_status status, 
     case PC_ERROR_IO:
         code = writing ? CLI_OUTPUT : CLI_INPUT;
         break;
+    case PC_ERROR_OUT_OF_MEMORY:
+        code = CLI_LIMIT;
+        break;
     case PC_ERROR_INVALID_ARGUMENT:
     case PC_ERROR_INTERNAL:
         code = CLI_INTERNAL;
@@ -188,19 +191,36 @@ void cli_catch_signals(void) {
 
 bool cli_interrupted(void) { return interrupted != 0; }
 
-static double now(void) {
+double cli_now(void) {
     struct timespec time;
     clock_gettime(CLOCK_MONOTONIC, &time);
     return (double)time.tv_sec + 1e-9 * (double)time.tv_nsec;
 }
 
+void cli_show_progress(const char *format, ...) {
+    if (!line.draw) {
+        return;
+    }
+    va_list arguments;
+    va_start(arguments, format);
+    fputs("\r\033[K", stderr);
+    vfprintf(stderr, format, arguments);
+    va_end(arguments);
+    fflush(stderr);
+    line.drawn = true;
+}
+
+void cli_print_line(const char *text) {
+    clear_line();
+    puts(text);
+    fflush(stdout);
+}
+
 static bool on_progress(void *user, const char *stage, double fraction) {
     (void)user;
-    const double time = line.draw ? now() : 0.0;
+    const double time = line.draw ? cli_now() : 0.0;
     if (line.draw && (time - line.last > 0.1 || stage != line.stage)) {
-        fprintf(stderr, "\r\033[K%-10s %3.0f %%", stage, 100.0 * fraction);
-        fflush(stderr);
-        line.drawn = true;
+        cli_show_progress("%-10s %3.0f %%", stage, 100.0 * fraction);
         line.last = time;
         line.stage = stage;
     }
@@ -223,16 +243,20 @@ static void on_log(void *user, pc_log_level level, const char *stage, const char
 
 static void clear_at_exit(void) { clear_line(); }
 
-int cli_context(const cli_command *command, const cli_arguments *arguments, pc_context **context) {
+void cli_set_messages(const cli_command *command, const cli_arguments *arguments) {
     line.command = command->name;
     line.quiet = arguments->settings.quiet;
     line.verbose = arguments->settings.verbose;
     line.draw = !line.quiet && isatty(STDERR_FILENO);
     atexit(clear_at_exit);
+}
+
+int cli_context(const cli_command *command, const cli_arguments *arguments, pc_context **context) {
+    cli_set_messages(command, arguments);
     const pc_context_options options = {
         .threads = arguments->settings.threads, .log = on_log, .progress = on_progress};
     if (pc_context_create(&options, context) != PC_OK) {
-        return cli_fail(command->name, CLI_FAILED, "memory ran out");
+        return cli_fail(command->name, CLI_LIMIT, "memory ran out");
     }
     killable = 1;
     return CLI_OK;

@@ -115,18 +115,32 @@ static bool by_extension(const file_head *head, const char *extension, scene_for
     return true;
 }
 
+static const char *extension_of(const char *path) {
+    const char *slash = strrchr(path, '/'), *dot = strrchr(path, '.');
+    return dot != NULL && (slash == NULL || dot > slash) ? dot + 1 : "";
+}
+
+// Index of the format that goes with an extension, format_count when there is none.
+static size_t named_format(const char *extension) {
+    size_t named = 0;
+    while (named < format_count && strcasecmp(extension, formats[named].extension) != 0) {
+        ++named;
+    }
+    return named;
+}
+
+bool scene_named_like_one(const char *path) {
+    return named_format(extension_of(path)) != format_count;
+}
+
 int scene_sniff(const char *command, const char *path, scene_format *format) {
     file_head head;
     const int code = read_head(command, path, &head);
     if (code != CLI_OK) {
         return code;
     }
-    const char *slash = strrchr(path, '/'), *dot = strrchr(path, '.');
-    const char *extension = dot != NULL && (slash == NULL || dot > slash) ? dot + 1 : "";
-    size_t named = 0;
-    while (named < format_count && strcasecmp(extension, formats[named].extension) != 0) {
-        ++named;
-    }
+    const char *extension = extension_of(path);
+    const size_t named = named_format(extension);
     const bool found = by_content(&head, format);
     if (!found && named == format_count) {
         return cli_fail(command, CLI_INPUT,

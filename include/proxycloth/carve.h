@@ -7,11 +7,16 @@
 /// A loop is a hole only if its part has twice the area of a disc of that circumference; the outer
 /// rim of a small part is never closed.
 ///
+/// DEVIATION: cloth that is modelled with its thickness, a closed shell of two skins up to four
+/// voxels apart with a rim between them, counts as its outer skin (the larger one), however its
+/// openings lie to the voxels.
+///
 /// DEVIATION: a garment that is one clean sheet already (many simulation garments are) needs no
 /// labels: the projected mesh can only be farther from it, and closes gaps below two voxels. With
-/// `layer_source` auto the visual mesh itself is taken, repaired to a manifold and with holes of
-/// less than 3 voxels around filled, when each of its parts has a border, no two parts come within
-/// a voxel of each other, every visual vertex is within a voxel of it, and
+/// `layer_source` auto the visual mesh itself is taken, repaired to a manifold, its shells peeled
+/// to their outer skins, and with holes of less than 3 voxels around filled, when each of its parts
+/// has a border, no two parts come within a voxel of each other, every visual vertex is within a
+/// voxel (or the thickness of a shell) of it, and
 /// - at most 2 % of its area sees another sheet within a voxel, or
 /// - it is folded: at most 15 % sees a back behind it within a voxel, no more than 5 % more
 ///   than see a front before them (a lining shows backs only), and the labels give another number

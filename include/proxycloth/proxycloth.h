@@ -41,6 +41,7 @@
 #include "proxycloth/skin.h"
 #include "proxycloth/voxelize.h"
 
+#include "proxycloth/options_file.h"
 #include "proxycloth/pipeline.h"
 
 #include "proxycloth/asset_file.h"

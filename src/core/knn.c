@@ -91,6 +91,7 @@ typedef struct search {
     const double *query;
     size_t wanted, found;
     uint32_t excluded;
+    double bound;      // squared distance that still counts
     uint32_t *indices; // sorted by (squared distance, index)
     double *squared_distances;
 } search;
@@ -100,6 +101,9 @@ static void offer(search *s, uint32_t candidate) {
         return;
     }
     const double distance = pci_squared_distance(s->query, &s->knn->points[3 * (size_t)candidate]);
+    if (distance > s->bound) {
+        return;
+    }
     size_t at = s->found;
     while (at > 0 &&
            (distance < s->squared_distances[at - 1] ||
@@ -116,6 +120,9 @@ static void offer(search *s, uint32_t candidate) {
     }
     s->indices[at] = candidate;
     s->squared_distances[at] = distance;
+    if (s->found == s->wanted) {
+        s->bound = s->squared_distances[s->wanted - 1];
+    }
 }
 
 static void visit(search *s, size_t begin, size_t end) {
@@ -134,7 +141,7 @@ static void visit(search *s, size_t begin, size_t end) {
             end = middle;
         }
         offer(s, root);
-        if (s->found == s->wanted && offset * offset > s->squared_distances[s->wanted - 1]) {
+        if (offset * offset > s->bound) {
             return;
         }
     }
@@ -146,10 +153,24 @@ size_t pci_knn_query(const pci_knn *knn, const double query[3], size_t wanted, u
                 .query = query,
                 .wanted = wanted,
                 .excluded = excluded,
+                .bound = INFINITY,
                 .indices = indices,
                 .squared_distances = squared_distances};
     if (wanted > 0) {
         visit(&s, 0, knn->point_count);
     }
     return s.found;
+}
+
+bool pci_knn_within(const pci_knn *knn, const double query[3], double radius, uint32_t *nearest) {
+    double squared_distance;
+    search s = {.knn = knn,
+                .query = query,
+                .wanted = 1,
+                .excluded = PC_INVALID_INDEX,
+                .bound = radius * radius,
+                .indices = nearest,
+                .squared_distances = &squared_distance};
+    visit(&s, 0, knn->point_count);
+    return s.found == 1;
 }

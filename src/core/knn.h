@@ -19,4 +19,8 @@ bool pci_knn_build(pci_scratch *scratch, size_t point_count, const double *point
 size_t pci_knn_query(const pci_knn *knn, const double query[3], size_t wanted, uint32_t excluded,
                      uint32_t *indices, double *squared_distances);
 
+// Finds the point nearest to `query` within `radius`; far quicker than a query without a limit
+// where there is none. False: no point is so near.
+bool pci_knn_within(const pci_knn *knn, const double query[3], double radius, uint32_t *nearest);
+
 #endif

@@ -156,3 +156,15 @@ char *pci_json_print(const pci_json *json, bool indented) {
     }
     return indented ? cJSON_Print(json->root) : cJSON_PrintUnformatted(json->root);
 }
+
+char *pci_json_text(pc_context *context, const pci_json *json, bool indented) {
+    char *printed = pci_json_print(json, indented), *text = NULL;
+    if (printed != NULL) {
+        text = PCI_ALLOCATE(context, char, strlen(printed) + 1);
+        if (text != NULL) {
+            memcpy(text, printed, strlen(printed) + 1);
+        }
+        cJSON_free(printed);
+    }
+    return text;
+}

@@ -37,5 +37,7 @@ cJSON *pci_json_record(pci_json *json, cJSON *parent, const char *name, const pc
 
 // The text, from cJSON's allocator (cJSON_free); NULL when memory ran out now or earlier.
 char *pci_json_print(const pci_json *json, bool indented);
+// The same in memory of the context, for pc_release.
+char *pci_json_text(pc_context *context, const pci_json *json, bool indented);
 
 #endif

@@ -167,7 +167,7 @@ static uint8_t *kept_triangles(pci_scratch *scratch, const pc_mesh *projected,
 }
 
 // The triangles whose labels say so, as a manifold without small parts and short holes.
-static pc_status extract(pci_scratch *scratch, const pc_mesh *surface, const pci_bvh *visual,
+static pc_status extract(pci_scratch *scratch, const pc_mesh *cloth, const pci_bvh *visual,
                          const pc_mesh *projected, const uint8_t *labels, double cell_size,
                          const pc_carve_options *options, pc_mesh *layer, pc_carve_report *report) {
     pc_context *context = scratch->context;
@@ -180,7 +180,7 @@ static pc_status extract(pci_scratch *scratch, const pc_mesh *surface, const pci
         return pci_fail_memory(context, stage);
     }
     const pc_status status =
-        pci_drop_crumbs(scratch, stage, surface, visual, options->smallest_part,
+        pci_drop_crumbs(scratch, stage, cloth, visual, options->smallest_part,
                         loose_voxels * cell_size, layer, &report->dropped_parts);
     if (status != PC_OK) {
         return status;
@@ -196,11 +196,11 @@ static pc_status extract(pci_scratch *scratch, const pc_mesh *surface, const pci
                : pci_fail_memory(context, stage);
 }
 
-static pc_status find_rims(pci_scratch *scratch, const pc_mesh *surface, const pci_bvh *visual,
+static pc_status find_rims(pci_scratch *scratch, const pc_mesh *cloth, const pci_bvh *visual,
                            double cell_size, pci_knn *rims) {
     size_t count = 0;
     double *points = NULL;
-    const pc_status status = pci_rim_points(scratch, stage, visual, surface, rim_radius * cell_size,
+    const pc_status status = pci_rim_points(scratch, stage, visual, cloth, rim_radius * cell_size,
                                             rim_spacing * cell_size, &count, &points);
     if (status != PC_OK) {
         return status;
@@ -209,7 +209,7 @@ static pc_status find_rims(pci_scratch *scratch, const pc_mesh *surface, const p
                                                        : pci_fail_memory(scratch->context, stage);
 }
 
-static pc_status cut(pci_scratch *scratch, const pc_mesh *surface, const pci_bvh *visual,
+static pc_status cut(pci_scratch *scratch, const pc_mesh *cloth, const pci_bvh *visual,
                      const pci_knn *rims, double cell_size, const pc_carve_options *options,
                      pc_mesh *layer, pc_carve_report *report) {
     pc_status status = pci_cut_outline(scratch, stage, visual, rims,
@@ -219,7 +219,7 @@ static pc_status cut(pci_scratch *scratch, const pc_mesh *surface, const pci_bvh
     if (status != PC_OK) {
         return status;
     }
-    status = pci_drop_crumbs(scratch, stage, surface, visual, options->smallest_part,
+    status = pci_drop_crumbs(scratch, stage, cloth, visual, options->smallest_part,
                              loose_voxels * cell_size, layer, &report->dropped_parts);
     if (status != PC_OK) {
         return status;
@@ -232,25 +232,25 @@ static pc_status cut(pci_scratch *scratch, const pc_mesh *surface, const pci_bvh
 }
 
 // The labelled side of the projected mesh, cut along the outline.
-static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *surface,
+static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
                                 const pc_mesh *projected, const uint8_t *labels, double cell_size,
                                 const pc_carve_options *options, pc_mesh *layer,
                                 pc_carve_report *report) {
     pci_knn rims = {0};
     pci_bvh *visual = NULL;
-    pc_status status = pci_bvh_create(scratch->context, stage, surface, &visual);
+    pc_status status = pci_bvh_create(scratch->context, stage, cloth, &visual);
     if (status == PC_OK) {
         status =
-            extract(scratch, surface, visual, projected, labels, cell_size, options, layer, report);
+            extract(scratch, cloth, visual, projected, labels, cell_size, options, layer, report);
     }
     if (status == PC_OK && options->snap_border) {
-        status = pci_snap_border(scratch->context, stage, surface, visual, cell_size, layer);
+        status = pci_snap_border(scratch->context, stage, cloth, visual, cell_size, layer);
     }
     if (status == PC_OK) {
-        status = find_rims(scratch, surface, visual, cell_size, &rims);
+        status = find_rims(scratch, cloth, visual, cell_size, &rims);
     }
     if (status == PC_OK) {
-        status = cut(scratch, surface, visual, &rims, cell_size, options, layer, report);
+        status = cut(scratch, cloth, visual, &rims, cell_size, options, layer, report);
     }
     pci_bvh_destroy(scratch->context, visual);
     report->source = PC_LAYER_LABELS;
@@ -282,9 +282,9 @@ static pc_status take_visual(pci_scratch *scratch, const pc_mesh *surface, const
     return status == PC_OK ? measure(scratch, surface, layer, cell_size, report) : status;
 }
 
-static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface,
-                              const pc_mesh *projected, const uint8_t *labels, double cell_size,
-                              const pc_carve_options *options, pc_mesh *layer,
+static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
+                              double thickness, const pc_mesh *projected, const uint8_t *labels,
+                              double cell_size, const pc_carve_options *options, pc_mesh *layer,
                               pc_carve_report *report) {
     const bool always = options->layer_source == PC_LAYER_VISUAL;
     pci_layering layering = PCI_LAYERED;
@@ -292,8 +292,8 @@ static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface,
     pc_mesh visual = {0};
     pc_status status = PC_OK;
     if (options->layer_source != PC_LAYER_LABELS) {
-        status = pci_visual_layer(scratch, stage, surface, cell_size, always, &visual, &layering,
-                                  &filled);
+        status = pci_visual_layer(scratch, stage, surface, cloth, thickness, cell_size, always,
+                                  &visual, &layering, &filled);
     }
     if (status == PC_OK && !pci_progress(scratch->context, stage, 0.2)) {
         status = pci_fail_cancelled(scratch->context, stage);
@@ -303,8 +303,8 @@ static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface,
                            report);
     }
     if (status == PC_OK) {
-        status =
-            labelled_layer(scratch, surface, projected, labels, cell_size, options, layer, report);
+        status = labelled_layer(scratch, surface, cloth, projected, labels, cell_size, options,
+                                layer, report);
     }
     if (status == PC_OK && layering == PCI_FOLDED) {
         pc_carve_report other = {0};
@@ -312,11 +312,10 @@ static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface,
         if (status == PC_OK &&
             (other.components != report->components ||
              other.boundary_loops != report->boundary_loops || report->coverage < least_coverage)) {
-            if (!pci_flatten_folds(scratch, flattened_voxels * cell_size, &visual)) {
-                return pci_fail_memory(scratch->context, stage);
-            }
-            return take_visual(scratch, surface, projected, labels, cell_size, filled, &visual,
-                               layer, report);
+            status = pci_flatten_folds(scratch, flattened_voxels * cell_size, &visual)
+                         ? take_visual(scratch, surface, projected, labels, cell_size, filled,
+                                       &visual, layer, report)
+                         : pci_fail_memory(scratch->context, stage);
         }
     }
     pc_mesh_free(scratch->context, &visual);
@@ -338,9 +337,14 @@ pc_status pc_carve(pc_context *context, const pc_mesh *surface, const pc_mesh *p
     }
     pci_scratch scratch = pci_scratch_begin(context);
     pc_carve_report counts = {0};
-    pc_mesh layer = {0};
-    status = choose_layer(&scratch, surface, projected, labels->labels, cell_size, &chosen, &layer,
-                          &counts);
+    pc_mesh cloth = {0}, layer = {0};
+    double thickness = 0.0;
+    status = pci_visual_cloth(&scratch, stage, surface, cell_size, &cloth, &thickness);
+    if (status == PC_OK) {
+        status = choose_layer(&scratch, surface, &cloth, thickness, projected, labels->labels,
+                              cell_size, &chosen, &layer, &counts);
+    }
+    pc_mesh_free(context, &cloth);
     pci_scratch_end(&scratch);
     if (status != PC_OK) {
         pc_mesh_free(context, &layer);

@@ -35,19 +35,16 @@ typedef struct outline {
     pci_halfedge mesh;
     double *normals;   // #V by 3
     double *distances; // #V, beside the visual mesh, along the surface
-    size_t normal_capacity, distance_capacity;
+    uint8_t *settled;  // #F, nothing to refine here
+    size_t normal_capacity, distance_capacity, settled_capacity;
 } outline;
 
 // How far the nearest point of the visual mesh lies beside a point of the layer: the distance
 // without its share along the normal.
 static double distance_beside(const outline *o, const double point[3], const double normal[3]) {
-    if (o->focus != NULL) {
-        uint32_t nearest;
-        double square;
-        if (pci_knn_query(o->focus, point, 1, PC_INVALID_INDEX, &nearest, &square) == 0 ||
-            square > o->reach * o->reach) {
-            return out_of_focus;
-        }
+    uint32_t nearest;
+    if (o->focus != NULL && !pci_knn_within(o->focus, point, o->reach, &nearest)) {
+        return out_of_focus;
     }
     const pci_closest closest = pci_bvh_closest(o->visual, point, INFINITY);
     double away[3];
@@ -66,6 +63,7 @@ static void measure_outline(void *user, size_t begin, size_t end, uint32_t worke
 
 static bool split_measured(outline *o, uint32_t h, double share, const double *known_distance) {
     const size_t a = pci_origin(&o->mesh, h), b = pci_target(&o->mesh, h);
+    const uint32_t twin = o->mesh.twins[h];
     double position[3], normal[3];
     for (size_t k = 0; k < 3; ++k) {
         position[k] = o->mesh.positions[3 * a + k] +
@@ -74,16 +72,23 @@ static bool split_measured(outline *o, uint32_t h, double share, const double *k
     }
     pci_normalize(normal);
     const uint32_t v = pci_split_edge(&o->mesh, h, position);
-    void *normals = o->normals, *distances = o->distances;
+    void *normals = o->normals, *distances = o->distances, *settled = o->settled;
     if (v == PC_INVALID_INDEX ||
         !pci_scratch_reserve(o->mesh.scratch, &normals, &o->normal_capacity, (size_t)v + 1,
                              3 * sizeof(double)) ||
         !pci_scratch_reserve(o->mesh.scratch, &distances, &o->distance_capacity, (size_t)v + 1,
-                             sizeof(double))) {
+                             sizeof(double)) ||
+        !pci_scratch_reserve(o->mesh.scratch, &settled, &o->settled_capacity,
+                             o->mesh.triangle_count, 1)) {
         return false;
     }
     o->normals = normals;
     o->distances = distances;
+    o->settled = settled;
+    o->settled[h / 3] = 0;
+    if (twin != PC_INVALID_INDEX) {
+        o->settled[twin / 3] = 0;
+    }
     memcpy(&o->normals[3 * (size_t)v], normal, sizeof(normal));
     o->distances[v] =
         known_distance != NULL ? *known_distance : distance_beside(o, position, normal);
@@ -125,6 +130,19 @@ static uint32_t terminal_edge(const pci_halfedge *mesh, uint32_t t) {
     return h;
 }
 
+static bool needs_split(const outline *o, uint32_t t, double threshold, double shortest) {
+    double nearest = INFINITY, farthest = -INFINITY;
+    for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
+        nearest = fmin(nearest, o->distances[pci_origin(&o->mesh, h)]);
+        farthest = fmax(farthest, o->distances[pci_origin(&o->mesh, h)]);
+    }
+    if (!(nearest < threshold && farthest > out_of_focus)) {
+        return false;
+    }
+    const double longest = edge_length(&o->mesh, longest_edge(&o->mesh, t));
+    return longest > shortest && farthest + 0.5 * longest > threshold;
+}
+
 // Halves the longest edge of each triangle that may touch the outline until it is shorter than
 // `shortest`: the distance hardly changes faster than the way, so edges of half the threshold
 // cannot hide a crossing that matters. False: no memory, or cancelled.
@@ -137,18 +155,17 @@ static bool refine_outline(outline *o, double threshold, double shortest) {
             if (t % 4096 == 0 && !pci_keep_going(context)) {
                 return false;
             }
-            const double longest = edge_length(mesh, longest_edge(mesh, t));
-            double nearest = INFINITY, farthest = -INFINITY;
-            for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
-                nearest = fmin(nearest, o->distances[pci_origin(mesh, h)]);
-                farthest = fmax(farthest, o->distances[pci_origin(mesh, h)]);
+            if (o->settled[t]) {
+                continue;
             }
-            if (longest > shortest && nearest < threshold && farthest + 0.5 * longest > threshold) {
-                if (!split_measured(o, terminal_edge(mesh, t), 0.5, NULL)) {
-                    return false;
-                }
-                changed = true;
+            if (!needs_split(o, t, threshold, shortest)) {
+                o->settled[t] = 1;
+                continue;
             }
+            if (!split_measured(o, terminal_edge(mesh, t), 0.5, NULL)) {
+                return false;
+            }
+            changed = true;
         }
     }
     return true;
@@ -281,18 +298,14 @@ static void measure_frame(const outline *o, const pci_knn *rims, const pci_knn *
         }
         const double *point = &mesh->positions[3 * (size_t)pci_origin(mesh, h)];
         uint32_t rim;
-        double square;
         if (twin == PC_INVALID_INDEX) {
             const uint32_t before = pci_border_incoming(mesh, pci_origin(mesh, h));
             mark_sector(&regions[root], point);
             regions[root].arcs += roots[before / 3] != root;
         }
-        if (pci_knn_query(border, point, 1, PC_INVALID_INDEX, &rim, &square) == 1 &&
-            square < slack * slack) {
-            regions[root].fringe = true;
-        }
-        if (pci_knn_query(rims, point, 1, PC_INVALID_INDEX, &rim, &square) == 1 &&
-            sqrt(square) <= pci_bvh_closest(o->visual, point, INFINITY).distance + slack) {
+        regions[root].fringe = regions[root].fringe || pci_knn_within(border, point, slack, &rim);
+        const double reach = pci_bvh_closest(o->visual, point, INFINITY).distance + slack;
+        if (pci_knn_within(rims, point, reach, &rim)) {
             mark_sector(&regions[root], &rims->points[3 * (size_t)rim]);
         }
     }
@@ -307,22 +320,64 @@ static bool removes(const region *r, pci_outline_mode mode, double threshold) {
            (mode == PCI_OUTLINE_ALL || (framed >= least_framed && (r->arcs > 0 || !r->fringe)));
 }
 
-// Connected parts of what is kept, without the region at triangle `without`. `parents` is scratch.
-static size_t count_parts(const pci_halfedge *mesh, const uint32_t *roots, const uint8_t *keep,
-                          uint32_t without, uint32_t *parents) {
-    size_t parts = 0;
-    pci_singletons(parents, mesh->triangle_count);
-    for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
-        const uint32_t twin = mesh->twins[h];
-        if (twin != PC_INVALID_INDEX && h < twin && keep[h / 3] && keep[twin / 3] &&
-            roots[h / 3] != without && roots[twin / 3] != without) {
-            pci_unite(parents, h / 3, twin / 3);
+// The kept triangles by patch: a membrane, or a connected part of the rest. Few of them touch.
+typedef struct patches {
+    uint32_t *of;    // #F, first triangle of the patch
+    uint32_t *links; // #links by 2, neighbouring patches
+    size_t link_count, link_capacity;
+    uint32_t *parents; // scratch of count_parts, by first triangle
+} patches;
+
+static bool make_patches(const pci_halfedge *mesh, const uint32_t *owners, const uint8_t *keep,
+                         patches *p) {
+    const size_t triangles = mesh->triangle_count;
+    *p = (patches){.of = PCI_SCRATCH(mesh->scratch, uint32_t, triangles),
+                   .parents = PCI_SCRATCH(mesh->scratch, uint32_t, triangles)};
+    if (mesh->scratch->failed) {
+        return false;
+    }
+    pci_singletons(p->of, triangles);
+    for (int pass = 0; pass < 2; ++pass) {
+        for (uint32_t h = 0; h < 3 * triangles; ++h) {
+            const uint32_t twin = mesh->twins[h];
+            if (twin == PC_INVALID_INDEX || h > twin || !keep[h / 3] || !keep[twin / 3]) {
+                continue;
+            }
+            const bool same = owners[h / 3] == owners[twin / 3];
+            if (pass == 0 && same) {
+                pci_unite(p->of, h / 3, twin / 3);
+            } else if (pass == 1 && !same) {
+                void *links = p->links;
+                if (!pci_scratch_reserve(mesh->scratch, &links, &p->link_capacity,
+                                         p->link_count + 1, 2 * sizeof(uint32_t))) {
+                    return false;
+                }
+                p->links = links;
+                p->links[2 * p->link_count] = pci_find_root(p->of, h / 3);
+                p->links[2 * p->link_count++ + 1] = pci_find_root(p->of, twin / 3);
+            }
         }
     }
-    for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
-        parts += keep[t] && roots[t] != without && parents[t] == t;
+    return true;
+}
+
+// How many parts more the kept patches fall into without the patch `without`; -1 when it is a part
+// of its own.
+static int parts_without(patches *p, const uint8_t *keep, uint32_t without) {
+    int change = -1;
+    for (int pass = 0; pass < 2; ++pass) {
+        for (size_t i = 0; i < 2 * p->link_count; ++i) {
+            p->parents[p->links[i]] = p->links[i];
+        }
+        for (size_t i = 0; i < p->link_count; ++i) {
+            const uint32_t a = p->links[2 * i], b = p->links[2 * i + 1];
+            if (keep[a] && keep[b] && (pass == 0 || (a != without && b != without)) &&
+                pci_unite(p->parents, a, b)) {
+                change += pass == 0 ? 1 : -1;
+            }
+        }
     }
-    return parts;
+    return change;
 }
 
 // Marks what stays. A membrane that joins two stretches of the border may hold the layer together,
@@ -330,27 +385,33 @@ static size_t count_parts(const pci_halfedge *mesh, const uint32_t *roots, const
 static bool choose_triangles(const outline *o, const uint32_t *roots, const region *regions,
                              pci_outline_mode mode, double threshold, uint8_t *keep) {
     const pci_halfedge *mesh = &o->mesh;
-    uint32_t *parents = PCI_SCRATCH(mesh->scratch, uint32_t, mesh->triangle_count);
-    if (parents == NULL) {
+    const size_t triangles = mesh->triangle_count;
+    uint32_t *owners = PCI_SCRATCH(mesh->scratch, uint32_t, triangles); // membranes in question
+    if (owners == NULL) {
         return false;
     }
-    for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
+    for (uint32_t t = 0; t < triangles; ++t) {
         const region *r = roots[t] != PC_INVALID_INDEX ? &regions[roots[t]] : NULL;
-        keep[t] = r == NULL || !removes(r, mode, threshold) ||
-                  (mode == PCI_OUTLINE_MEMBRANES && r->arcs > 1);
+        const bool removed = r != NULL && removes(r, mode, threshold);
+        keep[t] = !removed || (mode == PCI_OUTLINE_MEMBRANES && r->arcs > 1);
+        owners[t] = removed && keep[t] ? roots[t] : PC_INVALID_INDEX;
+    }
+    patches p;
+    if (mode != PCI_OUTLINE_MEMBRANES) {
+        return true;
+    }
+    if (!make_patches(mesh, owners, keep, &p)) {
+        return false;
     }
     size_t tests = 0;
-    for (uint32_t i = 0; mode == PCI_OUTLINE_MEMBRANES && i < mesh->triangle_count; ++i) {
-        if (roots[i] != i || regions[i].arcs < 2 || !removes(&regions[i], mode, threshold)) {
+    for (uint32_t i = 0; i < triangles && tests < most_tests; ++i) {
+        if (owners[i] != i) {
             continue;
         }
-        if (++tests > most_tests || !pci_keep_going(mesh->scratch->context)) {
-            break;
-        }
-        if (count_parts(mesh, roots, keep, i, parents) <=
-            count_parts(mesh, roots, keep, PC_INVALID_INDEX - 1, parents)) {
-            for (uint32_t t = i; t < mesh->triangle_count; ++t) {
-                keep[t] = keep[t] && roots[t] != i;
+        ++tests;
+        if (parts_without(&p, keep, i) <= 0) {
+            for (uint32_t t = i; t < triangles; ++t) {
+                keep[t] = keep[t] && owners[t] != i;
             }
         }
     }
@@ -378,13 +439,16 @@ static bool find_regions(const cutting *given, const pci_knn *focus, double reac
     *o = (outline){.visual = c->visual, .focus = focus, .reach = reach};
     o->normals = PCI_SCRATCH(scratch, double, 3 * layer->vertex_count);
     o->distances = PCI_SCRATCH(scratch, double, layer->vertex_count);
+    o->settled = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
     if (scratch->failed || !pci_halfedge_build(scratch, layer, &o->mesh)) {
         return false;
     }
     o->normal_capacity = o->distance_capacity = layer->vertex_count;
+    o->settled_capacity = layer->triangle_count;
     pci_vertex_normals(layer, o->normals);
-    pci_parallel_for(scratch->context, layer->vertex_count, grain, measure_outline, o);
-    if (!refine_outline(o, c->threshold, shortest) || !split_isoline(o, c->threshold)) {
+    if (!pci_parallel_while_wanted(scratch->context, layer->vertex_count, grain, measure_outline,
+                                   o) ||
+        !refine_outline(o, c->threshold, shortest) || !split_isoline(o, c->threshold)) {
         return false;
     }
     const size_t triangles = o->mesh.triangle_count;
@@ -401,13 +465,16 @@ static bool find_regions(const cutting *given, const pci_knn *focus, double reac
     return choose_triangles(o, c->roots, regions, c->mode, c->threshold, c->keep);
 }
 
-// The corners of what is not kept. Returns their number.
+// The corners of what is not kept (`points` NULL: only counts them). Returns their number.
 static size_t removed_corners(const outline *o, const cutting *c, double *points) {
     size_t count = 0;
     for (size_t i = 0; i < 3 * o->mesh.triangle_count; ++i) {
         if (!c->keep[i / 3]) {
-            memcpy(&points[3 * count++], &o->mesh.positions[3 * (size_t)o->mesh.corners[i]],
-                   3 * sizeof(double));
+            if (points != NULL) {
+                memcpy(&points[3 * count], &o->mesh.positions[3 * (size_t)o->mesh.corners[i]],
+                       3 * sizeof(double));
+            }
+            ++count;
         }
     }
     return count;
@@ -423,17 +490,25 @@ pc_status pci_cut_outline(pci_scratch *scratch, const char *stage, const pci_bvh
     cutting c;
     outline o;
     // The first pass finds the regions, the second refines near those that go and cuts.
-    if (!find_regions(&given, membranes ? rims : NULL, widest * cell_size, scratch, layer, &o,
-                      &c)) {
-        return pci_fail_memory(context, stage);
+    pci_scratch first = pci_scratch_begin(context);
+    double *points = NULL;
+    size_t point_count = 0;
+    bool done =
+        find_regions(&given, membranes ? rims : NULL, widest * cell_size, &first, layer, &o, &c);
+    if (done) {
+        point_count = removed_corners(&o, &c, NULL);
+        points = PCI_SCRATCH(scratch, double, 3 * point_count);
+        done = points != NULL;
     }
+    if (done) {
+        removed_corners(&o, &c, points);
+    }
+    pci_scratch_end(&first);
     pci_knn removed;
-    double *points = PCI_SCRATCH(scratch, double, 9 * o.mesh.triangle_count);
-    if (points == NULL ||
-        !pci_knn_build(scratch, removed_corners(&o, &c, points), points, &removed)) {
+    if (!done || !pci_knn_build(scratch, point_count, points, &removed)) {
         return pci_fail_memory(context, stage);
     }
-    if (removed.point_count == 0) {
+    if (point_count == 0) {
         return PC_OK;
     }
     if (!find_regions(&given, &removed, beyond * cell_size, scratch, layer, &o, &c)) {

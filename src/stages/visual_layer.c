@@ -4,6 +4,7 @@
 #include "core/manifold.h"
 #include "core/topology.h"
 #include "stages/loops.h"
+#include "stages/shells.h"
 
 enum { grain = 256, most_near = 512 };
 
@@ -15,6 +16,8 @@ static const double plain_share = 0.02;
 static const double most_lined_share = 0.15, most_lined_surplus = 0.05;
 // Holes of a shorter way around are no openings, in voxels.
 static const double smallest_opening = 3.0;
+// Thicker shells are solids, in voxels.
+static const double thickest_shell = 4.0;
 
 typedef struct probe {
     const pci_bvh *bvh;
@@ -116,7 +119,8 @@ static pci_layering classify(const probe *p) {
 }
 
 static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
-                         const pc_mesh *layer, double cell_size, pci_layering *layering) {
+                         const pc_mesh *layer, double thickness, double cell_size,
+                         pci_layering *layering) {
     pc_context *context = scratch->context;
     pci_topology topology;
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
@@ -137,7 +141,7 @@ static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh 
         return status;
     }
     p.bvh = bvh;
-    cover_job cover = {bvh, surface, cell_size, missed};
+    cover_job cover = {bvh, surface, cell_size + thickness, missed};
     const bool done =
         pci_parallel_while_wanted(context, layer->triangle_count, grain, look_around, &p) &&
         pci_parallel_while_wanted(context, surface->vertex_count, grain, find_missed, &cover);
@@ -152,19 +156,27 @@ static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh 
     return PC_OK;
 }
 
-pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
-                           double cell_size, bool always, pc_mesh *layer, pci_layering *layering,
-                           uint64_t *filled_loops) {
+pc_status pci_visual_cloth(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
+                           double cell_size, pc_mesh *cloth, double *thickness) {
     pci_repair_counts counts;
+    if (!pci_mesh_repair(scratch, surface, NULL, cloth, &counts)) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    return pci_peel_shells(scratch, stage, thickest_shell * cell_size, cloth, thickness);
+}
+
+pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
+                           const pc_mesh *cloth, double thickness, double cell_size, bool always,
+                           pc_mesh *layer, pci_layering *layering, uint64_t *filled_loops) {
     *layering = PCI_LAYERED;
-    if (!pci_mesh_repair(scratch, surface, NULL, layer, &counts) ||
+    if (!pci_mesh_compact(scratch, cloth, NULL, layer, NULL) ||
         !pci_fill_loops(scratch, layer, SIZE_MAX, smallest_opening * cell_size, filled_loops)) {
         pc_mesh_free(scratch->context, layer);
         return pci_fail_memory(scratch->context, stage);
     }
     pc_status status = PC_OK;
     if (layer->triangle_count > 0 && !always) {
-        status = measure(scratch, stage, surface, layer, cell_size, layering);
+        status = measure(scratch, stage, surface, layer, thickness, cell_size, layering);
     }
     if (status != PC_OK || (*layering == PCI_LAYERED && !always)) {
         pc_mesh_free(scratch->context, layer);

@@ -10,12 +10,19 @@ typedef enum pci_layering {
     PCI_PLAIN    // one sheet, nowhere close to itself
 } pci_layering;
 
-// Repairs the visual mesh to a manifold, fills holes smaller than a voxel and finds out whether it
-// is a single layer; `layer` stays empty when it is layered, and belongs to the caller otherwise.
-// With `always` it is not asked.
-// PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
+// The cloth of a visual mesh: repaired to a manifold, thick shells peeled (stages/shells.h).
+// `thickness` is that of the thickest one. PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY;
+// PC_ERROR_CANCELLED.
+PC_NODISCARD pc_status pci_visual_cloth(pci_scratch *scratch, const char *stage,
+                                        const pc_mesh *surface, double cell_size, pc_mesh *cloth,
+                                        double *thickness);
+
+// Fills holes of the cloth smaller than a voxel and finds out whether it is a single layer; `layer`
+// stays empty when it is layered, and belongs to the caller otherwise. With `always` it is not
+// asked. PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
 PC_NODISCARD pc_status pci_visual_layer(pci_scratch *scratch, const char *stage,
-                                        const pc_mesh *surface, double cell_size, bool always,
+                                        const pc_mesh *surface, const pc_mesh *cloth,
+                                        double thickness, double cell_size, bool always,
                                         pc_mesh *layer, pci_layering *layering,
                                         uint64_t *filled_loops);
 

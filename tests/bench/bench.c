@@ -4,31 +4,7 @@
 #include <unistd.h>
 
 #include "support/garment.h"
-
-// Starts a new measurement of the process's peak memory.
-static void reset_peak(void) {
-    FILE *file = fopen("/proc/self/clear_refs", "w");
-    if (file != NULL) {
-        fputs("5", file);
-        fclose(file);
-    }
-}
-
-// Peak resident memory in MiB since reset_peak, or since the start where that is not allowed.
-static double peak_mebibytes(void) {
-    FILE *file = fopen("/proc/self/status", "r");
-    double result = 0.0;
-    char line[256];
-    while (file != NULL && fgets(line, sizeof(line), file) != NULL) {
-        if (strncmp(line, "VmHWM:", 6) == 0) {
-            result = strtod(line + 6, NULL) / 1024.0;
-        }
-    }
-    if (file != NULL) {
-        fclose(file);
-    }
-    return result;
-}
+#include "support/peak.h"
 
 static int compare_double(const void *a, const void *b) {
     const double x = *(const double *)a, y = *(const double *)b;

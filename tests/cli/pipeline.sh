@@ -55,6 +55,34 @@ awk 'BEGIN {
 }' >outfit.obj
 touch stderr
 
+# Options: preset < file < command line; what is printed reads back as the same.
+printf '{"preset": "mobile", "seed": 7, "vertices": 96, "simplify": {"seed": 8}, "threads": 2}' >o.json
+run 0 build --preset cinematic --options o.json --vertices 80 --print-options
+mv stdout all.json
+run 0 build --options all.json --print-options
+same stdout all.json
+for line in '"vertices":	80' '"influences":	4' '"voxels":	64' '"threads":	2' '"weight_storage":	"u8"'; do
+    grep -q "$line" all.json || fail "no $line in all.json"
+done
+[ "$(grep -c '"seed":	7' all.json) $(grep -c '"seed":	8' all.json)" = "2 1" ] || fail "seeds in all.json"
+
+# Every command has its help, and every flag of a help text is completed.
+run 0 completion
+mv stdout completion.bash
+run 0 help
+for command in $(sed -n 's/^  \([a-z]*\) .*/\1/p' stdout); do
+    run 0 help "$command"
+    for flag in $(grep -oE '^  (-[a-z], )?--[a-z-]*' stdout | grep -oE -- '--[a-z-]*'); do
+        grep -E "^    $command\) flags=" completion.bash | grep -qE -- "$flag[ \"]" ||
+            fail "$command $flag is not completed"
+    done
+done
+if command -v bash >/dev/null; then
+    printf '. ./completion.bash\nCOMP_WORDS=(proxycloth build --layer-source v); COMP_CWORD=3\n%s' \
+        '_proxycloth; echo "${COMPREPLY[@]}"' >complete.sh
+    [ "$(bash complete.sh)" = visual ] || fail "bash completion: $(bash complete.sh)"
+fi
+
 # build writes five files and nothing else, the same on any number of threads.
 quick="--voxels 16 --vertices 60 --frames 8 --epochs 5"
 run 0 build outfit.obj -o a/b/out $quick --threads 1

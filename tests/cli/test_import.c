@@ -2,9 +2,15 @@
 #define _POSIX_C_SOURCE 200809L
 #include "../../cli/scene.h"
 
+#include <errno.h>
+#include <fcntl.h>
 #include <math.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include "support/test.h"
@@ -251,6 +257,76 @@ static void trusts_no_buffer(void **state) {
     scene_free(&good);
 }
 
+// What a taken-over importer would try. Each returns whether the system let it.
+static const char *own_path;
+static int own_pipe[2];
+static bool opens_socket(void) { return socket(AF_INET, SOCK_STREAM, 0) >= 0; }
+static bool opens_local_socket(void) { return socket(AF_UNIX, SOCK_DGRAM, 0) >= 0; }
+static bool creates_file(void) { return open(own_path, O_WRONLY | O_CREAT, 0600) >= 0; }
+static bool appends(void) { return open(own_path, O_RDWR | O_APPEND) >= 0; }
+static bool removes_file(void) { return unlink(own_path) == 0; }
+static bool makes_folder(void) { return mkdir("/tmp/proxycloth-isolated", 0700) == 0; }
+static bool changes_mode(void) { return chmod(own_path, 0777) == 0; }
+static bool starts_process(void) { return fork() >= 0; }
+static bool runs_program(void) {
+    execl("/bin/true", "true", (char *)NULL);
+    return errno != EPERM;
+}
+static bool ends_parent(void) { return kill(getppid(), SIGTERM) == 0; }
+static bool writes_elsewhere(void) { return write(own_pipe[0], "x", 1) == 1 || errno != EPERM; }
+
+static bool reads_file(void) {
+    char byte;
+    const int file = open(own_path, O_RDONLY);
+    return file >= 0 && read(file, &byte, 1) == 1;
+}
+static bool answers(void) { return write(own_pipe[1], "x", 1) == 1; }
+static bool takes_memory(void) { return malloc((size_t)64 << 20) != NULL; }
+
+// 1: allowed, 0: refused, -1: this system cannot isolate.
+static int try_isolated(bool (*act)(void)) {
+    const pid_t child = fork();
+    assert_true(child >= 0);
+    if (child == 0) {
+        _exit(!scene_isolate(own_pipe[1]) ? 2 : act() ? 1 : 0);
+    }
+    int status = 0;
+    assert_int_equal(waitpid(child, &status, 0), child);
+    assert_true(WIFEXITED(status));
+    return WEXITSTATUS(status) == 2 ? -1 : WEXITSTATUS(status);
+}
+
+static void the_child_can_only_read_and_answer(void **state) {
+    (void)state;
+    static bool (*const refused[])(void) = {
+        opens_socket, opens_local_socket, creates_file, appends,     removes_file,    makes_folder,
+        changes_mode, starts_process,     runs_program, ends_parent, writes_elsewhere};
+    static bool (*const allowed[])(void) = {reads_file, answers, takes_memory};
+    char path[] = "/tmp/proxycloth-test-XXXXXX";
+    const int file = mkstemp(path);
+    assert_true(file >= 0 && write(file, "text", 4) == 4 && pipe(own_pipe) == 0);
+    own_path = path;
+    if (try_isolated(reads_file) < 0) {
+        unlink(path);
+        print_message("no system call filter here\n");
+        skip();
+    }
+    for (size_t i = 0; i < sizeof(refused) / sizeof(refused[0]); ++i) {
+        if (try_isolated(refused[i]) != 0) {
+            fail_msg("number %zu of what must be refused is not", i);
+        }
+    }
+    for (size_t i = 0; i < sizeof(allowed) / sizeof(allowed[0]); ++i) {
+        if (try_isolated(allowed[i]) != 1) {
+            fail_msg("number %zu of what must be allowed is not", i);
+        }
+    }
+    close(file);
+    close(own_pipe[0]);
+    close(own_pipe[1]);
+    assert_int_equal(unlink(path), 0);
+}
+
 static void cleans_text(void **state) {
     (void)state;
     char text[16];
@@ -272,6 +348,7 @@ int main(void) {
         cmocka_unit_test(values_out_of_range_arrive),
         cmocka_unit_test(chooses_parts_by_name),
         cmocka_unit_test(trusts_no_buffer),
+        cmocka_unit_test(the_child_can_only_read_and_answer),
         cmocka_unit_test(cleans_text),
     };
     return cmocka_run_group_tests_name("import", tests, NULL, NULL);

@@ -207,6 +207,18 @@ static void nearest_neighbours_match_brute_force(void **state) {
                 last = best_distance;
                 before = best;
             }
+            // The first of them is found within any radius that reaches it, and none within less.
+            if (excluded == PC_INVALID_INDEX) {
+                const double centre[3] = {points[3 * q] + 0.5, points[3 * q + 1] + 0.25,
+                                          points[3 * q + 2]};
+                uint32_t nearest;
+                assert_int_equal(pci_knn_query(&knn, centre, 1, excluded, found, squared), 1);
+                assert_true(
+                    pci_knn_within(&knn, centre, sqrt(squared[0]) * (1.0 + 1e-15), &nearest));
+                assert_int_equal(nearest, found[0]);
+                assert_false(
+                    pci_knn_within(&knn, centre, sqrt(squared[0]) * (1.0 - 1e-15), &nearest));
+            }
         }
     }
     // Fewer points than wanted.

@@ -1,0 +1,312 @@
+// The garments of a batch: files, folders, globs and manifests -> jobs with ids.
+#define _DEFAULT_SOURCE // fts, realpath
+#define _POSIX_C_SOURCE 200809L
+#include "batch.h"
+
+#include <errno.h>
+#include <fts.h>
+#include <glob.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "scene.h"
+#include "sha256.h"
+
+enum { ID_SIZE = 96 }; // with what is put behind it a name of an asset
+
+static const char *base_name(const char *path) {
+    const char *slash = strrchr(path, '/');
+    return slash != NULL ? slash + 1 : path;
+}
+
+static int fail_memory(const batch_plan *plan) {
+    return cli_fail(plan->command->name, CLI_LIMIT, "memory ran out");
+}
+
+// Letters, digits, ".", "_", "-" and whatever is not ASCII; no leading dot or dash. Never a path.
+static char *make_id(const char *name) {
+    char id[ID_SIZE];
+    cli_clean_text(id, sizeof(id), name);
+    for (char *at = id; *at != '\0'; ++at) {
+        const unsigned char c = (unsigned char)*at;
+        const bool plain = c >= 0x80 || (c >= '0' && c <= '9') || (c >= 'A' && c <= 'Z') ||
+                           (c >= 'a' && c <= 'z') || c == '_' || c == '-' || c == '.';
+        *at = plain ? *at : '-';
+    }
+    if (id[0] == '.' || id[0] == '-') {
+        id[0] = '_';
+    }
+    return strdup(id[0] != '\0' ? id : "_");
+}
+
+// A name without its extension.
+static char *stem_of(const char *name) {
+    char *stem = strdup(name);
+    const char *base = base_name(name), *dot = strrchr(base, '.');
+    if (stem != NULL && dot != NULL && dot != base) {
+        stem[dot - name] = '\0';
+    }
+    return stem;
+}
+
+batch_job *batch_plan_add(batch_plan *plan, const char *path, const char *file, const char *id) {
+    if (plan->count == plan->capacity) {
+        const size_t capacity = 2 * plan->capacity + 16;
+        batch_job *grown = realloc(plan->jobs, capacity * sizeof(*grown));
+        if (grown == NULL) {
+            return NULL;
+        }
+        plan->jobs = grown;
+        plan->capacity = capacity;
+    }
+    batch_job *job = &plan->jobs[plan->count];
+    struct stat info;
+    char *stem = id == NULL ? stem_of(file) : NULL;
+    *job = (batch_job){.id = id != NULL     ? make_id(id)
+                             : stem != NULL ? make_id(stem)
+                                            : NULL,
+                       .path = strdup(path),
+                       .real = realpath(path, NULL),
+                       .size = stat(path, &info) == 0 ? (uint64_t)info.st_size : 0,
+                       .arguments = *plan->arguments,
+                       .named = id != NULL};
+    free(stem);
+    if (job->real == NULL && job->path != NULL) {
+        job->real = strdup(job->path); // a file that is missing fails when its turn comes
+    }
+    if (job->id == NULL || job->path == NULL || job->real == NULL) {
+        free(job->id);
+        free(job->path);
+        free(job->real);
+        return NULL;
+    }
+    ++plan->count;
+    return job;
+}
+
+static int add_file(batch_plan *plan, const char *path, const char *file) {
+    return batch_plan_add(plan, path, file, NULL) != NULL ? CLI_OK : fail_memory(plan);
+}
+
+// Folders that no garment is looked for in: hidden ones, the output, the results of batches.
+static bool skip_folder(const FTSENT *entry, const struct stat *output) {
+    if (entry->fts_level == FTS_ROOTLEVEL) {
+        return false;
+    }
+    if (entry->fts_name[0] == '.' || (entry->fts_statp->st_dev == output->st_dev &&
+                                      entry->fts_statp->st_ino == output->st_ino)) {
+        return true;
+    }
+    char *record = batch_path(entry->fts_path, entry->fts_name, ".batch.json");
+    const bool result = record != NULL && access(record, F_OK) == 0;
+    free(record);
+    return result;
+}
+
+static int add_folder(batch_plan *plan, const char *path) {
+    char *roots[] = {strdup(path), NULL};
+    FTS *walk = roots[0] != NULL ? fts_open(roots, FTS_LOGICAL | FTS_NOCHDIR, NULL) : NULL;
+    struct stat output = {0};
+    (void)stat(plan->arguments->output, &output);
+    int code = walk != NULL ? CLI_OK : fail_memory(plan);
+    const FTSENT *entry;
+    while (code == CLI_OK && (errno = 0, entry = fts_read(walk)) != NULL) {
+        if (entry->fts_info == FTS_D && skip_folder(entry, &output)) {
+            (void)fts_set(walk, (FTSENT *)(uintptr_t)entry, FTS_SKIP);
+        } else if (entry->fts_info == FTS_F && entry->fts_name[0] != '.' &&
+                   scene_named_like_one(entry->fts_name)) {
+            const char *name = entry->fts_path + strlen(path);
+            code = add_file(plan, entry->fts_path, name + strspn(name, "/"));
+        } else if (entry->fts_info == FTS_DNR || entry->fts_info == FTS_ERR) {
+            code = cli_fail(plan->command->name, CLI_INPUT, "%s: %s", entry->fts_path,
+                            strerror(entry->fts_errno));
+        }
+    }
+    if (code == CLI_OK && errno != 0) {
+        code = cli_fail(plan->command->name, CLI_INPUT, "%s: %s", path, strerror(errno));
+    }
+    if (walk != NULL) {
+        fts_close(walk);
+    }
+    free(roots[0]);
+    return code;
+}
+
+static bool is_manifest(const char *path) {
+    const char *dot = strrchr(base_name(path), '.');
+    return dot != NULL && strcmp(dot, ".jsonl") == 0;
+}
+
+static int add_input(batch_plan *plan, const char *path, bool from_glob) {
+    struct stat info;
+    const bool exists = stat(path, &info) == 0;
+    if (!from_glob && !exists && strpbrk(path, "*?[") != NULL) {
+        glob_t found = {0};
+        int code = CLI_OK;
+        if (glob(path, 0, NULL, &found) != 0) {
+            code = cli_fail(plan->command->name, CLI_INPUT, "%s: nothing matches", path);
+        }
+        for (size_t i = 0; i < found.gl_pathc && code == CLI_OK; ++i) {
+            code = add_input(plan, found.gl_pathv[i], true);
+        }
+        globfree(&found);
+        return code;
+    }
+    if (exists && S_ISDIR(info.st_mode)) {
+        return add_folder(plan, path);
+    }
+    if (is_manifest(path)) {
+        return batch_read_manifest(plan, path);
+    }
+    return from_glob && !scene_named_like_one(path) ? CLI_OK
+                                                    : add_file(plan, path, base_name(path));
+}
+
+static void free_job(batch_job *job) {
+    free(job->id);
+    free(job->path);
+    free(job->real);
+    free(job->patterns);
+    cJSON_Delete(job->entry);
+    cJSON_Delete(job->record);
+}
+
+static int by_file(const void *a, const void *b) {
+    const batch_job *left = a, *right = b;
+    const int order = strcmp(left->real, right->real);
+    return order != 0 ? order : strcmp(left->id, right->id);
+}
+
+static int by_id(const void *a, const void *b) {
+    const batch_job *left = a, *right = b;
+    const int order = strcmp(left->id, right->id);
+    return order != 0                  ? order
+           : left->line != right->line ? (left->line > right->line) - (left->line < right->line)
+                                       : strcmp(left->real, right->real);
+}
+
+// Where a garment comes from, for messages.
+static void describe_place(const batch_job *job, char *text, size_t size) {
+    if (job->manifest != NULL) {
+        snprintf(text, size, "%s:%zu", job->manifest, job->line);
+    } else {
+        snprintf(text, size, "%s", job->path);
+    }
+}
+
+// A file that was found twice is converted once; lines of manifests are taken as they are.
+static void drop_repeated_files(batch_plan *plan) {
+    size_t kept = 0;
+    qsort(plan->jobs, plan->count, sizeof(*plan->jobs), by_file);
+    for (size_t i = 0; i < plan->count; ++i) {
+        batch_job *job = &plan->jobs[i];
+        const batch_job *before = kept > 0 ? &plan->jobs[kept - 1] : NULL;
+        if (before != NULL && job->entry == NULL && before->entry == NULL &&
+            strcmp(job->real, before->real) == 0) {
+            free_job(job);
+        } else {
+            plan->jobs[kept++] = *job;
+        }
+    }
+    plan->count = kept;
+}
+
+// Files of the same name in several folders: each gets some digits that depend on its path only, so
+// that it keeps them whatever else is converted.
+static int tell_apart(batch_plan *plan) {
+    batch_job *jobs = plan->jobs;
+    qsort(jobs, plan->count, sizeof(*jobs), by_id);
+    for (size_t i = 0; i < plan->count; ++i) {
+        jobs[i].shares_id = (i > 0 && strcmp(jobs[i - 1].id, jobs[i].id) == 0) ||
+                            (i + 1 < plan->count && strcmp(jobs[i + 1].id, jobs[i].id) == 0);
+    }
+    for (size_t i = 0; i < plan->count; ++i) {
+        if (!jobs[i].shares_id || jobs[i].named) {
+            continue;
+        }
+        sha256 hash;
+        char digits[65], id[ID_SIZE + 16];
+        sha256_begin(&hash);
+        sha256_add(&hash, jobs[i].real, strlen(jobs[i].real));
+        sha256_end(&hash, digits);
+        snprintf(id, sizeof(id), "%s-%.8s", jobs[i].id, digits);
+        char *copy = strdup(id);
+        if (copy == NULL) {
+            return fail_memory(plan);
+        }
+        free(jobs[i].id);
+        jobs[i].id = copy;
+    }
+    qsort(jobs, plan->count, sizeof(*jobs), by_id);
+    int code = CLI_OK;
+    for (size_t i = 1; i < plan->count; ++i) {
+        const batch_job *one = &jobs[i - 1], *other = &jobs[i];
+        if (strcmp(one->id, other->id) == 0) {
+            char place[2][4200];
+            describe_place(one, place[0], sizeof(place[0]));
+            describe_place(other, place[1], sizeof(place[1]));
+            code = cli_fail(plan->command->name, CLI_USAGE,
+                            "%s: the id \"%s\" is that of %s too; choose another with \"id\"",
+                            place[1], other->id, place[0]);
+        }
+    }
+    return code;
+}
+
+// Every shard_count-th garment, so that neighbours, which are often alike, are spread.
+static void keep_shard(batch_plan *plan) {
+    size_t kept = 0;
+    for (size_t i = 0; i < plan->count; ++i) {
+        if (i % plan->shard_count == plan->shard - 1) {
+            plan->jobs[kept++] = plan->jobs[i];
+        } else {
+            free_job(&plan->jobs[i]);
+        }
+    }
+    plan->count = kept;
+}
+
+// "2/5": the second of five.
+static int take_shard(batch_plan *plan) {
+    const char *text = plan->arguments->shard;
+    char rest;
+    plan->shard = plan->shard_count = 1;
+    if (text == NULL || (strspn(text, "0123456789/") == strlen(text) &&
+                         sscanf(text, "%9u/%9u%c", &plan->shard, &plan->shard_count, &rest) == 2 &&
+                         plan->shard >= 1 && plan->shard <= plan->shard_count)) {
+        return CLI_OK;
+    }
+    return cli_fail(plan->command->name, CLI_USAGE,
+                    "--shard: \"%s\" is no part of a whole, such as 2/5", text);
+}
+
+int batch_plan_make(batch_plan *plan) {
+    int code = take_shard(plan);
+    for (size_t i = 0; i < plan->arguments->input_count && code == CLI_OK; ++i) {
+        code = add_input(plan, plan->arguments->inputs[i], false);
+    }
+    if (code == CLI_OK && plan->count == 0) {
+        code = cli_fail(plan->command->name, CLI_INPUT, "%s: no mesh file is there",
+                        plan->arguments->inputs[0]);
+    }
+    if (code == CLI_OK) {
+        drop_repeated_files(plan);
+        code = tell_apart(plan);
+    }
+    if (code == CLI_OK) {
+        keep_shard(plan);
+    }
+    return code;
+}
+
+void batch_plan_free(batch_plan *plan) {
+    for (size_t i = 0; i < plan->count; ++i) {
+        free_job(&plan->jobs[i]);
+    }
+    free(plan->jobs);
+    plan->jobs = NULL;
+    plan->count = plan->capacity = 0;
+}

@@ -1,0 +1,59 @@
+// Proxies of garments whose pieces and openings are known by construction. A few of them; all are
+// measured by `proxycloth_wardrobe` and `proxycloth_quality --truth`.
+#include "support/test.h"
+
+#include "support/wardrobe.h"
+
+static const sew_garment *find_garment(const char *name) {
+    for (size_t i = 0; i < sew_wardrobe_size; ++i) {
+        if (strcmp(sew_wardrobe[i].name, name) == 0) {
+            return &sew_wardrobe[i];
+        }
+    }
+    fail_msg("there is no %s in the wardrobe", name);
+    return NULL;
+}
+
+static void proxies_are_what_the_garments_are(void **state) {
+    (void)state;
+    static const char *const names[] = {
+        "cape_doubled", "coat_thick",   "hat_thick",      "lab_coat", "lab_coat_cracked",
+        "poncho_thick", "skirt_layers", "tunic_coarse",   "trousers", "socks",
+        "top",          "scarf_thick",  "dress_of_shells"};
+    for (size_t i = 0; i < sizeof(names) / sizeof(names[0]); ++i) {
+        const sew_garment *garment = find_garment(names[i]);
+        pc_context *context = test_context(2);
+        pc_asset asset = {0};
+        pc_measures m = {0};
+        pc_mesh mesh = sew_make(context, garment);
+        const pc_visual_arrays arrays = {.vertex_count = mesh.vertex_count,
+                                         .positions = mesh.positions,
+                                         .triangle_count = mesh.triangle_count,
+                                         .triangles = mesh.triangles};
+        const pc_options options = pc_default_options();
+        assert_ok(context,
+                  pc_visual_create(context, &arrays, &asset.visual, &asset.reports.visual));
+        for (pc_stage stage = 0; stage <= PC_STAGE_SIMPLIFY; ++stage) {
+            assert_ok(context, pc_run_stage(context, stage, &options, &asset, NULL));
+        }
+        assert_ok(context, pc_evaluate(context, &asset.visual.surface, &asset.proxy, &m));
+        if (m.components != garment->components || m.boundary_loops != garment->loops) {
+            fail_msg("%s has %u pieces and %u openings, its proxy %llu and %llu", names[i],
+                     garment->components, garment->loops, (unsigned long long)m.components,
+                     (unsigned long long)m.boundary_loops);
+        }
+        assert_int_equal(m.vertices, options.simplify.vertices);
+        assert_int_equal(m.nonmanifold_edges + m.nonmanifold_vertices, 0);
+        assert_true(m.hausdorff < 0.12 && m.doubled_area < 0.05);
+        pc_mesh_free(context, &mesh);
+        pc_asset_free(context, &asset);
+        pc_context_destroy(context);
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(proxies_are_what_the_garments_are),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -14,46 +14,52 @@ static uint64_t spread_bits(uint64_t x) {
     return (x | x << 2) & 0x9249249u;
 }
 
-// Sorts vertices: order[new] = old, number[old] = new.
-static void sort_vertices(const pc_mesh *mesh, uint64_t *keys, uint32_t *order, uint32_t *number,
-                          double *positions) {
+bool pci_sort_points(pci_scratch *scratch, size_t count, const double *positions,
+                     uint32_t **order) {
+    uint64_t *keys = PCI_SCRATCH(scratch, uint64_t, count);
+    *order = PCI_SCRATCH(scratch, uint32_t, count);
+    if (scratch->failed) {
+        return false;
+    }
+    const pc_mesh points = {.vertex_count = count, .positions = (double *)(uintptr_t)positions};
     double low[3], high[3], extent = 0.0;
-    pci_bounding_box(mesh, low, high);
+    pci_bounding_box(&points, low, high);
     for (size_t k = 0; k < 3; ++k) {
         extent = fmax(extent, high[k] - low[k]);
     }
     const double cells = (double)((1u << axis_bits) - 1u);
-    for (size_t v = 0; v < mesh->vertex_count; ++v) {
+    for (size_t v = 0; v < count; ++v) {
         uint64_t code = 0;
         for (size_t k = 0; k < 3; ++k) {
-            const double share =
-                extent > 0.0 ? (mesh->positions[3 * v + k] - low[k]) / extent : 0.0;
+            const double share = extent > 0.0 ? (positions[3 * v + k] - low[k]) / extent : 0.0;
             code |= spread_bits((uint64_t)(share * cells)) << k;
         }
         keys[v] = code << index_bits | v;
     }
-    qsort(keys, mesh->vertex_count, sizeof(*keys), pci_compare_u64);
-    for (size_t i = 0; i < mesh->vertex_count; ++i) {
-        const uint32_t v = (uint32_t)keys[i];
-        order[i] = v;
-        number[v] = (uint32_t)i;
-        memcpy(&positions[3 * i], &mesh->positions[3 * (size_t)v], 3 * sizeof(*positions));
+    qsort(keys, count, sizeof(*keys), pci_compare_u64);
+    for (size_t i = 0; i < count; ++i) {
+        (*order)[i] = (uint32_t)keys[i];
     }
+    return true;
 }
 
 bool pci_sort_mesh(pci_scratch *scratch, const pc_mesh *mesh, pc_mesh *result, uint32_t **order) {
     const size_t nv = mesh->vertex_count, nf = mesh->triangle_count;
-    uint64_t *keys = PCI_SCRATCH(scratch, uint64_t, nv > nf ? nv : nf);
+    uint64_t *keys = PCI_SCRATCH(scratch, uint64_t, nf);
     uint32_t *number = PCI_SCRATCH(scratch, uint32_t, nv);
-    *order = PCI_SCRATCH(scratch, uint32_t, nv);
     result->vertex_count = nv;
     result->triangle_count = nf;
     result->positions = PCI_SCRATCH(scratch, double, 3 * nv);
     result->triangles = PCI_SCRATCH(scratch, uint32_t, 3 * nf);
-    if (scratch->failed) {
+    if (scratch->failed || !pci_sort_points(scratch, nv, mesh->positions, order)) {
         return false;
     }
-    sort_vertices(mesh, keys, *order, number, result->positions);
+    for (size_t i = 0; i < nv; ++i) {
+        const uint32_t v = (*order)[i];
+        number[v] = (uint32_t)i;
+        memcpy(&result->positions[3 * i], &mesh->positions[3 * (size_t)v],
+               3 * sizeof(*result->positions));
+    }
     for (size_t t = 0; t < nf; ++t) {
         keys[t] = (uint64_t)number[mesh->triangles[3 * t]] << index_bits | t;
     }

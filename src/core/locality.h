@@ -5,6 +5,10 @@
 #include "core/core.h"
 #include "proxycloth/mesh.h"
 
+// Sorts points along a Morton curve through their bounding cube: order[new] = old, from scratch,
+// ties by index. False: out of memory.
+bool pci_sort_points(pci_scratch *scratch, size_t count, const double *positions, uint32_t **order);
+
 // Renumbers the vertices along a Morton curve through their bounding box, and the triangles by
 // their first vertex. Result and input may not share arrays; `result` has arrays from scratch.
 // `order` (#V, from scratch) receives the old index of each new vertex. False: out of memory.

@@ -19,7 +19,6 @@ typedef struct descent {
     const pci_skin_descent *settings;
     double *surrogate, *first, *second; // #V by slots: s and the moments of its gradient
     // Of the running step:
-    bool update;    // the gradient is complete
     double rate;    // learning rate
     double bias[2]; // 1 - beta^t
 } descent;
@@ -32,9 +31,8 @@ static void update_row(descent *d, size_t v) {
     double weights[PCI_SKIN_SLOTS_MAX], gradient[PCI_SKIN_SLOTS_MAX], mean = 0.0;
     double *s = &d->surrogate[v * slots];
     const double sum = pci_skin_normalize(s, slots, weights);
+    pci_skin_frames_row(&d->w, v, gradient);
     for (size_t k = 0; k < slots; ++k) {
-        gradient[k] = pci_skin_get(kernel, d->w.data.gradient, v * slots + k);
-        pci_skin_put(kernel, d->w.data.gradient, v * slots + k, 0.0);
         mean += weights[k] * gradient[k];
     }
     for (size_t k = 0; k < slots && sum > 0.0; ++k) {
@@ -52,13 +50,10 @@ static void update_row(descent *d, size_t v) {
     }
 }
 
-// Gradient of a block; at the end of a batch the step as well.
-static void finish_piece(void *user, size_t begin, size_t end, uint32_t worker) {
+static void update_rows(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
-    descent *d = user;
-    d->w.kernel->gradient(&d->w.data, begin, end);
-    for (size_t v = begin; v < end && d->update; ++v) {
-        update_row(d, v);
+    for (size_t v = begin; v < end; ++v) {
+        update_row(user, v);
     }
 }
 
@@ -108,14 +103,10 @@ static pc_status run_epochs(descent *d, size_t per_step, uint32_t *steps, size_t
             if (settings->decay) {
                 d->rate *= 0.5 * (1.0 + cos(3.141592653589793 * done / total));
             }
-            for (size_t b = begin; b < end; ++b) {
-                pci_skin_frames_use(w, b, b);
-                d->update = b + 1 == end;
-                pci_skin_frames_displace(w);
-                pci_skin_frames_fit(w, NULL);
-                pci_parallel_for(w->context, w->problem->vertex_count, PCI_SKIN_PIECE, finish_piece,
-                                 d);
+            if (!pci_skin_frames_evaluate(w, begin, end, true, NULL)) {
+                return pci_fail_cancelled(w->context, stage);
             }
+            pci_parallel_for(w->context, w->problem->vertex_count, 256, update_rows, d);
             done += 1.0;
         }
     }
@@ -159,7 +150,7 @@ pc_status pci_skin_descend(pc_context *context, const pci_skin_problem *problem,
     for (size_t i = 0; i < step_count; ++i) {
         steps[i] = (uint32_t)i;
     }
-    if (!pci_skin_frames_build(&scratch, problem, kernel, block_count, frames, block_count, &d.w)) {
+    if (!pci_skin_frames_build(&scratch, problem, kernel, block_count, frames, &d.w)) {
         status = pci_fail_memory(context, stage);
         goto cleanup;
     }

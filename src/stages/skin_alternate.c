@@ -68,34 +68,7 @@ typedef struct row_job {
     double *result;
 } row_job;
 
-typedef struct pass_job {
-    pci_skin_alternation *a;
-    bool measured;
-} pass_job;
-
-// Whole blocks of frames, each with the buffers of its worker.
-static void pass_blocks(void *user, size_t begin, size_t end, uint32_t worker) {
-    const pass_job *job = user;
-    pci_skin_alternation *a = job->a;
-    const pci_skin_frames *w = &a->frames;
-    const size_t nv = w->problem->vertex_count;
-    pci_skin_data data = w->data;
-    data.displacements = a->buffers[worker].displacements;
-    data.forces = a->buffers[worker].forces;
-    for (size_t b = begin; b < end; ++b) {
-        data.driver = w->drivers + b * w->driver_size;
-        data.quaternions = w->quaternions + b * w->quaternion_size;
-        data.gradient = a->partial + b * a->partial_size;
-        memset(data.gradient, 0, a->partial_size);
-        memset(&a->sums[b], 0, sizeof(a->sums[b]));
-        w->kernel->displace(&data, 0, nv);
-        memset(data.forces, 0, 3 * PCI_BLOCK * nv * w->kernel->real_size);
-        w->kernel->scatter(&data, nv, job->measured ? &a->sums[b] : NULL);
-        w->kernel->collect(&data, 0, nv);
-    }
-}
-
-// Adds up the blocks in order, and the gradient of L_f: 2 (G w - G b).
+// The gradient of the losses, and of L_f: 2 (G w - G b).
 static void finish_gradient(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const row_job *job = user;
@@ -105,37 +78,33 @@ static void finish_gradient(void *user, size_t begin, size_t end, uint32_t worke
     for (size_t v = begin; v < end; ++v) {
         const uint32_t *bones = &p->bones[v * slots];
         const double *w = &job->weights[v * slots];
+        double *gradient = &a->gradient[v * slots];
+        pci_skin_frames_row(&a->frames, v, gradient);
         for (size_t k = 0; k < slots; ++k) {
             const double *row = &a->gram[p->proxy_count * bones[k]];
             double sum = -a->targets[v * slots + k];
             for (size_t l = 0; l < slots; ++l) {
                 sum += row[bones[l]] * w[l];
             }
-            sum *= 2.0 * a->follow[v];
-            for (size_t b = 0; b < a->frames.block_count; ++b) {
-                sum +=
-                    pci_skin_get(a->frames.kernel, a->partial + b * a->partial_size, v * slots + k);
-            }
-            a->gradient[v * slots + k] = sum;
+            gradient[k] += 2.0 * a->follow[v] * sum;
         }
     }
 }
 
-// dE/dW at the given weights; finds the rotations. `measures` may be NULL.
-static void find_gradient(pci_skin_alternation *a, const double *weights,
+// dE/dW at the given weights, with the best rotations. `measures` may be NULL. False: cancelled.
+static bool find_gradient(pci_skin_alternation *a, const double *weights,
                           pci_skin_measures *measures) {
     pci_skin_frames *w = &a->frames;
     pci_skin_frames_set_weights(w, weights);
-    pass_job pass = {.a = a, .measured = measures != NULL};
-    pci_parallel_for(w->context, w->block_count, 1, pass_blocks, &pass);
+    if (!pci_skin_frames_evaluate(w, 0, w->block_count, true, measures != NULL ? a->sums : NULL)) {
+        return false;
+    }
     row_job rows = {.a = a, .weights = weights};
     pci_parallel_for(w->context, w->problem->vertex_count, 256, finish_gradient, &rows);
     if (measures != NULL) {
-        memset(measures, 0, sizeof(*measures));
-        for (size_t b = 0; b < w->block_count; ++b) {
-            pci_skin_frames_add(w, b, 1, &a->sums[b], measures, NULL);
-        }
+        pci_skin_frames_add(w, a->sums, measures, NULL);
     }
+    return true;
 }
 
 // W + factor (W - before), brought back to the simplex.
@@ -167,20 +136,11 @@ bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *pr
     a->follow = PCI_SCRATCH(scratch, double, nv);
     a->allowed = PCI_SCRATCH(scratch, uint32_t, nv);
     if (scratch->failed ||
-        !pci_skin_frames_build_sequential(scratch, problem, kernel, true, &a->frames)) {
+        !pci_skin_frames_build_sequential(scratch, problem, kernel, &a->frames)) {
         return false;
     }
     memset(a->allowed, 0xff, nv * sizeof(*a->allowed));
-    const size_t blocks = a->frames.block_count;
-    const uint32_t threads = pc_context_threads(scratch->context);
-    a->partial_size = (count * kernel->real_size + 63) / 64 * 64; // keeps blocks aligned
-    a->partial = pci_skin_reals(scratch, kernel, blocks * a->partial_size / kernel->real_size);
-    a->sums = PCI_SCRATCH(scratch, pci_skin_sums, blocks);
-    a->buffers = PCI_SCRATCH(scratch, pci_skin_buffers, threads);
-    for (size_t i = 0; i < threads && a->buffers != NULL; ++i) {
-        a->buffers[i].displacements = pci_skin_reals(scratch, kernel, 3 * PCI_BLOCK * nv);
-        a->buffers[i].forces = pci_skin_reals(scratch, kernel, 3 * PCI_BLOCK * nv);
-    }
+    a->sums = PCI_SCRATCH(scratch, pci_skin_sums, a->frames.patch_count * a->frames.block_count);
     return !scratch->failed && build_gram(scratch, &a->frames, &a->gram);
 }
 
@@ -234,10 +194,10 @@ pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, dou
     for (uint32_t round = 0; round < rounds; ++round) {
         const double share = (double)round / (double)rounds;
         if (!pci_progress(context, stage,
-                          progress_begin + share * (progress_end - progress_begin))) {
+                          progress_begin + share * (progress_end - progress_begin)) ||
+            !find_gradient(a, a->start, NULL)) {
             return pci_fail_cancelled(context, stage);
         }
-        find_gradient(a, a->start, NULL);
         ++a->rounds;
         memcpy(a->before, weights, count * sizeof(*weights));
         memcpy(weights, a->start, count * sizeof(*weights));
@@ -266,10 +226,13 @@ pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, dou
     return PC_OK;
 }
 
-void pci_skin_alternation_prune(pci_skin_alternation *a, uint32_t kept, double *weights,
-                                pci_skin_measures *measures) {
+pc_status pci_skin_alternation_prune(pci_skin_alternation *a, uint32_t kept, double *weights,
+                                     pci_skin_measures *measures) {
     const pci_skin_problem *p = a->frames.problem;
     memcpy(a->start, weights, p->vertex_count * p->slots * sizeof(*weights));
-    find_gradient(a, a->start, measures);
+    if (!find_gradient(a, a->start, measures)) {
+        return pci_fail_cancelled(a->frames.context, stage);
+    }
     pci_skin_quadratic_prune(&a->quadratic, a->start, a->gradient, kept, a->allowed, weights);
+    return PC_OK;
 }

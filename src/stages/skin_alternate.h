@@ -11,11 +11,6 @@
 #include "stages/skin_frames.h"
 #include "stages/skin_quadratic.h"
 
-// Of one block of frames, per worker; see pci_skin_data.
-typedef struct pci_skin_buffers {
-    void *displacements, *forces;
-} pci_skin_buffers;
-
 typedef struct pci_skin_alternation {
     pci_skin_frames frames;
     pci_skin_quadratic quadratic;
@@ -25,10 +20,7 @@ typedef struct pci_skin_alternation {
     double *follow;                    // #V: factor of L_f
     double spacing;                    // of the proxy's vertices, squared
     double *gradient, *before, *start; // #V by slots
-    char *partial;                     // #blocks: gradient of the paper's losses
-    size_t partial_size;               // bytes per block
-    pci_skin_sums *sums;               // #blocks
-    pci_skin_buffers *buffers;         // #threads
+    pci_skin_sums *sums;               // #patches by #blocks
     uint32_t rounds;                   // so far
 } pci_skin_alternation;
 
@@ -52,7 +44,7 @@ PC_NODISCARD pc_status pci_skin_alternation_run(pci_skin_alternation *alternatio
                                                 double progress_end, double *weights);
 
 // Leaves `kept` slots per row. `measures`: of the weights before.
-void pci_skin_alternation_prune(pci_skin_alternation *alternation, uint32_t kept, double *weights,
-                                pci_skin_measures *measures);
+PC_NODISCARD pc_status pci_skin_alternation_prune(pci_skin_alternation *alternation, uint32_t kept,
+                                                  double *weights, pci_skin_measures *measures);
 
 #endif

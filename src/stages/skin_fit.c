@@ -90,7 +90,7 @@ static pc_status measure(pci_scratch *scratch, const pci_skin_fit *f, double los
     }
     pci_skin_measures measures;
     const pc_status status =
-        pci_skin_measure(f->context, p, pci_skin_kernel_double(), weights, &measures, NULL);
+        pci_skin_measure(f->context, p, pci_skin_kernel_float(), weights, &measures, NULL);
     *total = normalize_losses(f, &measures, losses);
     *reflections = measures.reflections;
     return status;
@@ -262,7 +262,10 @@ pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_
             // The pass over the frames before slots are taken away also measures.
             double losses[3];
             pci_skin_measures measures;
-            pci_skin_alternation_prune(&a, widths[phase], f->weights, &measures);
+            status = pci_skin_alternation_prune(&a, widths[phase], f->weights, &measures);
+            if (status != PC_OK) {
+                break;
+            }
             const double total = normalize_losses(f, &measures, losses);
             r->full_loss = phase == 1 ? total : r->full_loss;
             if (balanced && rebalance(f, r, losses[0])) {

@@ -1,4 +1,4 @@
-// Runs the kernels over blocks of frames: losses and gradients.
+// Runs the kernels over patches and blocks: losses and gradients.
 #include "stages/skin_frames.h"
 
 #include "core/topology.h"
@@ -26,97 +26,228 @@ double pci_skin_get(const pci_skin_kernel *kernel, const void *array, size_t ind
                                               : ((const double *)array)[index];
 }
 
-// Edge vectors and per-vertex constants of one neighbourhood.
-static bool convert_edges(pci_scratch *scratch, const pci_skin_frames *w, const size_t *offsets,
-                          const uint32_t *targets, pci_skin_edges *edges) {
-    const size_t nv = w->problem->vertex_count;
-    void *vectors = pci_skin_reals(scratch, w->kernel, 3 * offsets[nv]);
-    void *constants = pci_skin_reals(scratch, w->kernel, 13 * nv);
-    void *lengths = pci_skin_reals(scratch, w->kernel, offsets[nv]);
-    if (scratch->failed) {
-        return false;
+// ---- patches ------------------------------------------------------------------------------------
+
+enum { PATCH = 128 }; // vertices; what a patch needs of one block stays in the second-level cache
+
+// Edges of all patches while they are made; those of a vertex go to `next`.
+typedef struct edge_builder {
+    const pci_skin_frames *w;
+    uint32_t *local;  // #V: 1 + local index in the patch in hand, or 0
+    uint32_t *places; // #V: 1 + place in K(i) of the vertex i in hand, or 0
+    uint32_t *targets;
+    void *vectors, *lengths, *near_weights;
+    size_t next;
+} edge_builder;
+
+// Of the runs in pci_skin_runs, in order.
+static uint32_t run_of(uint32_t i, uint32_t j, bool near) {
+    const bool upper = j > i;
+    return near ? (upper ? 2 : 3) : (upper ? 1 : 0);
+}
+
+static void add_edge(edge_builder *b, uint32_t i, uint32_t j) {
+    const pci_skin_problem *p = b->w->problem;
+    const pci_skin_kernel *kernel = b->w->kernel;
+    const uint32_t place = b->places[j];
+    double e[3];
+    pci_sub(&p->rest[3 * (size_t)i], &p->rest[3 * (size_t)j], e);
+    for (size_t c = 0; c < 3; ++c) {
+        pci_skin_put(kernel, b->vectors, 3 * b->next + c, b->w->unit * e[c]);
     }
-    for (size_t v = 0; v < nv; ++v) {
-        double constant[13] = {0}, squares = 0.0;
-        for (size_t k = offsets[v]; k < offsets[v + 1]; ++k) {
-            double e[3];
-            pci_sub(&w->problem->rest[3 * v], &w->problem->rest[3 * (size_t)targets[k]], e);
-            for (size_t a = 0; a < 3; ++a) {
-                e[a] *= w->unit;
-                pci_skin_put(w->kernel, vectors, 3 * k + a, e[a]);
+    pci_skin_put(kernel, b->lengths, b->next, b->w->unit * pci_norm(e));
+    pci_skin_put(kernel, b->near_weights, b->next,
+                 place > 0 ? p->near_weights[(size_t)i * p->near_count + place - 1] : 0.0);
+    b->targets[b->next++] = b->local[j] - 1;
+}
+
+// The edges of one vertex whose neighbours all have local numbers.
+static pci_skin_runs add_edges(edge_builder *b, uint32_t i, size_t patch_begin) {
+    const pci_skin_problem *p = b->w->problem;
+    const size_t begin = p->ring_offsets[i], end = p->ring_offsets[i + 1];
+    const uint32_t *near = &p->near[(size_t)i * p->near_count];
+    uint32_t ends[6] = {(uint32_t)(b->next - patch_begin)};
+    for (uint32_t k = 0; k < p->near_count; ++k) {
+        b->places[near[k]] = k + 1;
+    }
+    for (uint32_t run = 0; run < 4; ++run) {
+        for (size_t e = begin; e < end; ++e) {
+            if (run_of(i, p->ring[e], b->places[p->ring[e]] > 0) == run) {
+                add_edge(b, i, p->ring[e]);
             }
-            pci_skin_put(w->kernel, lengths, k, pci_norm(e));
-            for (size_t a = 0; a < 3; ++a) {
-                for (size_t b = 0; b < 3; ++b) {
-                    constant[3 * a + b] += e[a] * e[b];
+        }
+        ends[run + 1] = (uint32_t)(b->next - patch_begin);
+    }
+    for (uint32_t k = 0; k < p->near_count; ++k) {
+        bool in_ring = false;
+        for (size_t e = begin; e < end && !in_ring; ++e) {
+            in_ring = p->ring[e] == near[k];
+        }
+        if (!in_ring) {
+            add_edge(b, i, near[k]);
+        }
+    }
+    ends[5] = (uint32_t)(b->next - patch_begin);
+    for (uint32_t k = 0; k < p->near_count; ++k) {
+        b->places[near[k]] = 0;
+    }
+    const pci_skin_runs runs = {.begin = ends[0],
+                                .upper = ends[1],
+                                .near = ends[2],
+                                .upper_end = ends[3],
+                                .ring_end = ends[4],
+                                .end = ends[5]};
+    return runs;
+}
+
+// Adds e e^T of one edge to the constants of a term.
+static void add_product(const double *from, const double *to, double unit, double *constant) {
+    double e[3];
+    pci_sub(from, to, e);
+    for (size_t a = 0, at = 0; a < 3; ++a) {
+        for (size_t b = a; b < 3; ++b) {
+            constant[at++] += unit * e[a] * (unit * e[b]);
+        }
+    }
+}
+
+static void fill_constants(const pci_skin_frames *w, uint32_t i, size_t row, void *constants) {
+    const pci_skin_problem *p = w->problem;
+    const double *rest = &p->rest[3 * (size_t)i];
+    double values[PCI_SKIN_CONSTANTS] = {0}, attached[3] = {rest[0], rest[1], rest[2]};
+    for (size_t e = p->ring_offsets[i]; e < p->ring_offsets[i + 1]; ++e) {
+        add_product(rest, &p->rest[3 * (size_t)p->ring[e]], w->unit, &values[PCI_SKIN_RING]);
+    }
+    for (size_t e = (size_t)i * p->near_count; e < ((size_t)i + 1) * p->near_count; ++e) {
+        const double *target = &p->rest[3 * (size_t)p->near[e]];
+        add_product(rest, target, w->unit, &values[PCI_SKIN_NEAR]);
+        for (size_t c = 0; c < 3; ++c) {
+            attached[c] -= p->near_weights[e] * target[c];
+        }
+    }
+    for (size_t x = PCI_SKIN_RING; x <= PCI_SKIN_NEAR; x += PCI_SKIN_NEAR - PCI_SKIN_RING) {
+        const double squares = values[x] + values[x + 3] + values[x + 5];
+        values[x + 6] = squares > 1e-30 ? 1.0 / squares : 0.0;
+    }
+    for (size_t c = 0; c < 3; ++c) {
+        values[PCI_SKIN_ATTACHED + c] = w->unit * attached[c];
+    }
+    for (size_t k = 0; k < PCI_SKIN_CONSTANTS; ++k) {
+        pci_skin_put(w->kernel, constants, row * PCI_SKIN_CONSTANTS + k, values[k]);
+    }
+}
+
+// Gives the vertices of one patch and their neighbours local numbers; appends them to `vertices`.
+static bool number_vertices(pci_scratch *scratch, edge_builder *b, size_t begin, size_t end,
+                            uint32_t **vertices, size_t *capacity, size_t *count) {
+    const pci_skin_problem *p = b->w->problem;
+    const size_t first = *count;
+    for (int pass = 0; pass < 2; ++pass) {
+        for (size_t i = begin; i < end; ++i) {
+            const uint32_t v = p->order[i];
+            const size_t ring = p->ring_offsets[v + 1] - p->ring_offsets[v];
+            const size_t listed = pass == 0 ? 1 : ring + p->near_count;
+            if (!pci_scratch_reserve(scratch, (void **)vertices, capacity, *count + listed,
+                                     sizeof(**vertices))) {
+                return false;
+            }
+            for (size_t k = 0; k < listed; ++k) {
+                const uint32_t j = pass == 0  ? v
+                                   : k < ring ? p->ring[p->ring_offsets[v] + k]
+                                              : p->near[(size_t)v * p->near_count + k - ring];
+                if (b->local[j] == 0) {
+                    (*vertices)[*count] = j;
+                    b->local[j] = (uint32_t)(++*count - first);
                 }
-                constant[9 + a] += e[a];
             }
-            squares += pci_dot(e, e);
-        }
-        constant[12] = squares > 1e-30 ? 1.0 / squares : 0.0;
-        for (size_t k = 0; k < 13; ++k) {
-            pci_skin_put(w->kernel, constants, 13 * v + k, constant[k]);
         }
     }
-    edges->offsets = offsets;
-    edges->targets = targets;
-    edges->vectors = vectors;
-    edges->lengths = lengths;
-    edges->constants = constants;
     return true;
 }
 
-// K(i) as edges, and the same edges listed by their target.
-static bool convert_near(pci_scratch *scratch, pci_skin_frames *w) {
-    const pci_skin_problem *p = w->problem;
-    const size_t nv = p->vertex_count, k = p->near_count;
-    size_t *offsets = PCI_SCRATCH(scratch, size_t, nv + 1);
-    size_t *incoming_offsets = PCI_SCRATCH(scratch, size_t, nv + 2);
-    uint32_t *incoming = PCI_SCRATCH(scratch, uint32_t, k * nv);
-    void *near_weights = pci_skin_reals(scratch, w->kernel, k * nv);
-    void *attachment = pci_skin_reals(scratch, w->kernel, 3 * nv);
-    void *incoming_vectors = pci_skin_reals(scratch, w->kernel, 3 * k * nv);
-    void *incoming_weights = pci_skin_reals(scratch, w->kernel, k * nv);
+// Lists for each vertex the rows of the patches that know it.
+static bool build_shares(pci_scratch *scratch, const uint32_t *vertices, pci_skin_frames *w) {
+    const size_t nv = w->problem->vertex_count, rows = w->patch_rows[w->patch_count];
+    w->share_offsets = PCI_SCRATCH(scratch, uint32_t, nv + 2);
+    w->shares = PCI_SCRATCH(scratch, uint32_t, rows);
     if (scratch->failed) {
         return false;
     }
+    // Counting sort; while it runs, share_offsets[v + 1] is where the next row of v goes.
+    for (size_t r = 0; r < rows; ++r) {
+        ++w->share_offsets[vertices[r] + 2];
+    }
     for (size_t v = 0; v < nv; ++v) {
-        offsets[v + 1] = k * (v + 1);
-        double a[3] = {p->rest[3 * v], p->rest[3 * v + 1], p->rest[3 * v + 2]};
-        for (size_t e = k * v; e < k * v + k; ++e) {
-            const double *target = &p->rest[3 * (size_t)p->near[e]];
-            pci_skin_put(w->kernel, near_weights, e, p->near_weights[e]);
-            ++incoming_offsets[p->near[e] + 2];
-            for (size_t c = 0; c < 3; ++c) {
-                a[c] -= p->near_weights[e] * target[c];
-            }
-        }
-        for (size_t c = 0; c < 3; ++c) {
-            pci_skin_put(w->kernel, attachment, 3 * v + c, w->unit * a[c]);
-        }
+        w->share_offsets[v + 2] += w->share_offsets[v + 1];
     }
-    // Counting sort; while it runs, incoming_offsets[i + 1] is where the next source of i goes.
-    for (size_t v = 0; v < nv; ++v) {
-        incoming_offsets[v + 2] += incoming_offsets[v + 1];
+    for (size_t r = 0; r < rows; ++r) {
+        w->shares[w->share_offsets[vertices[r] + 1]++] = (uint32_t)r;
     }
-    for (size_t e = 0; e < k * nv; ++e) {
-        const size_t source = e / k, target = p->near[e], at = incoming_offsets[target + 1]++;
-        incoming[at] = (uint32_t)source;
-        pci_skin_put(w->kernel, incoming_weights, at, p->near_weights[e]);
-        for (size_t c = 0; c < 3; ++c) {
-            pci_skin_put(w->kernel, incoming_vectors, 3 * at + c,
-                         w->unit * (p->rest[3 * target + c] - p->rest[3 * source + c]));
-        }
-    }
-    w->data.near_weights = near_weights;
-    w->data.attachment_rest = attachment;
-    w->data.incoming_offsets = incoming_offsets;
-    w->data.incoming = incoming;
-    w->data.incoming_vectors = incoming_vectors;
-    w->data.incoming_weights = incoming_weights;
-    return convert_edges(scratch, w, offsets, p->near, &w->data.near);
+    return true;
 }
+
+static bool build_patches(pci_scratch *scratch, pci_skin_frames *w) {
+    const pci_skin_problem *p = w->problem;
+    const size_t nv = p->vertex_count;
+    const size_t edges = p->ring_offsets[nv] + nv * p->near_count; // at most
+    w->patch_count = (nv + PATCH - 1) / PATCH;
+    w->patches = PCI_SCRATCH(scratch, pci_skin_patch, w->patch_count);
+    w->patch_rows = PCI_SCRATCH(scratch, size_t, w->patch_count + 1);
+    pci_skin_runs *runs = PCI_SCRATCH(scratch, pci_skin_runs, nv);
+    char *constants = pci_skin_reals(scratch, w->kernel, nv * PCI_SKIN_CONSTANTS);
+    edge_builder b = {.w = w,
+                      .local = PCI_SCRATCH(scratch, uint32_t, nv),
+                      .places = PCI_SCRATCH(scratch, uint32_t, nv),
+                      .targets = PCI_SCRATCH(scratch, uint32_t, edges),
+                      .vectors = pci_skin_reals(scratch, w->kernel, 3 * edges),
+                      .lengths = pci_skin_reals(scratch, w->kernel, edges),
+                      .near_weights = pci_skin_reals(scratch, w->kernel, edges)};
+    uint32_t *vertices = NULL;
+    size_t capacity = 0, rows = 0, most = 0;
+    if (scratch->failed) {
+        return false;
+    }
+    const size_t size = w->kernel->real_size;
+    for (size_t i = 0; i < w->patch_count; ++i) {
+        pci_skin_patch *patch = &w->patches[i];
+        const size_t begin = i * PATCH, end = begin + PATCH < nv ? begin + PATCH : nv;
+        const size_t first_edge = b.next, first_row = rows;
+        if (!number_vertices(scratch, &b, begin, end, &vertices, &capacity, &rows)) {
+            return false;
+        }
+        for (size_t k = begin; k < end; ++k) {
+            runs[k] = add_edges(&b, p->order[k], first_edge);
+            fill_constants(w, p->order[k], k, constants);
+        }
+        for (size_t r = first_row; r < rows; ++r) {
+            b.local[vertices[r]] = 0;
+        }
+        patch->own_count = (uint32_t)(end - begin);
+        patch->local_count = (uint32_t)(rows - first_row);
+        patch->runs = &runs[begin];
+        patch->targets = &b.targets[first_edge];
+        patch->vectors = (char *)b.vectors + 3 * first_edge * size;
+        patch->lengths = (char *)b.lengths + first_edge * size;
+        patch->near_weights = (char *)b.near_weights + first_edge * size;
+        patch->constants = constants + begin * PCI_SKIN_CONSTANTS * size;
+        w->patch_rows[i + 1] = rows;
+        most = patch->local_count > most ? patch->local_count : most;
+    }
+    for (size_t i = 0; i < w->patch_count; ++i) {
+        w->patches[i].vertices = &vertices[w->patch_rows[i]];
+    }
+    const uint32_t threads = pc_context_threads(w->context);
+    w->partial = pci_skin_reals(scratch, w->kernel, rows * p->slots);
+    w->buffers = PCI_SCRATCH(scratch, pci_skin_buffers, threads);
+    for (size_t i = 0; i < threads && w->buffers != NULL; ++i) {
+        w->buffers[i].displacements = pci_skin_reals(scratch, w->kernel, 3 * PCI_BLOCK * most);
+        w->buffers[i].forces = pci_skin_reals(scratch, w->kernel, 3 * PCI_BLOCK * most);
+        w->buffers[i].quaternions = pci_skin_reals(scratch, w->kernel, 4 * PCI_BLOCK * PATCH);
+    }
+    return !scratch->failed && build_shares(scratch, vertices, w);
+}
+
+// ---- frames -------------------------------------------------------------------------------------
 
 // Displacements of the proxy, frames innermost. In float the mean displacement of each frame is
 // left out: no loss depends on it, and smaller numbers keep more digits.
@@ -143,7 +274,7 @@ static void fill_driver(const pci_skin_frames *w, size_t block) {
 
 bool pci_skin_frames_build(pci_scratch *scratch, const pci_skin_problem *problem,
                            const pci_skin_kernel *kernel, size_t block_count,
-                           const uint32_t *frames, size_t kept_blocks, pci_skin_frames *w) {
+                           const uint32_t *frames, pci_skin_frames *w) {
     const size_t nv = problem->vertex_count;
     memset(w, 0, sizeof(*w));
     w->context = scratch->context;
@@ -160,20 +291,12 @@ bool pci_skin_frames_build(pci_scratch *scratch, const pci_skin_problem *problem
     }
     w->data.slots = problem->slots;
     w->data.bones = problem->bones;
+    w->data.weights = pci_skin_reals(scratch, kernel, nv * problem->slots);
     w->driver_size = 3 * PCI_BLOCK * problem->proxy_count * kernel->real_size;
-    w->quaternion_size = 8 * PCI_BLOCK * nv * kernel->real_size;
     w->frames = frames;
     w->drivers =
         pci_skin_reals(scratch, kernel, block_count * 3 * PCI_BLOCK * problem->proxy_count);
-    w->quaternions = pci_skin_reals(scratch, kernel, kept_blocks * 8 * PCI_BLOCK * nv);
-    w->data.weights = pci_skin_reals(scratch, kernel, nv * problem->slots);
-    w->data.displacements = pci_skin_reals(scratch, kernel, 3 * PCI_BLOCK * nv);
-    w->data.rotations = pci_skin_reals(scratch, kernel, 18 * PCI_BLOCK * nv);
-    w->data.residuals = pci_skin_reals(scratch, kernel, 6 * PCI_BLOCK * nv);
-    w->data.gradient = pci_skin_reals(scratch, kernel, nv * problem->slots);
-    if (scratch->failed ||
-        !convert_edges(scratch, w, problem->ring_offsets, problem->ring, &w->data.ring) ||
-        !convert_near(scratch, w)) {
+    if (scratch->failed || !build_patches(scratch, w)) {
         return false;
     }
     for (size_t b = 0; b < block_count; ++b) {
@@ -182,49 +305,8 @@ bool pci_skin_frames_build(pci_scratch *scratch, const pci_skin_problem *problem
     return true;
 }
 
-void pci_skin_frames_use(pci_skin_frames *w, size_t block, size_t kept) {
-    w->data.driver = w->drivers + block * w->driver_size;
-    w->data.quaternions = w->quaternions + kept * w->quaternion_size;
-}
-
-// ---- losses and gradient of all frames ---------------------------------------------------------
-
-typedef struct pass_job {
-    pci_skin_frames *w;
-    pci_skin_sums *sums; // per piece, or NULL
-} pass_job;
-
-static void displace_piece(void *user, size_t begin, size_t end, uint32_t worker) {
-    (void)worker;
-    const pass_job *job = user;
-    job->w->kernel->displace(&job->w->data, begin, end);
-}
-
-static void fit_piece(void *user, size_t begin, size_t end, uint32_t worker) {
-    (void)worker;
-    const pass_job *job = user;
-    job->w->kernel->fit(&job->w->data, begin, end,
-                        job->sums != NULL ? &job->sums[begin / PCI_SKIN_PIECE] : NULL);
-}
-
-static void gradient_piece(void *user, size_t begin, size_t end, uint32_t worker) {
-    (void)worker;
-    const pass_job *job = user;
-    job->w->kernel->gradient(&job->w->data, begin, end);
-}
-
-static void run_pass(pci_skin_frames *w, pci_parallel_body body, pci_skin_sums *sums) {
-    pass_job job = {.w = w, .sums = sums};
-    pci_parallel_for(w->context, w->problem->vertex_count, PCI_SKIN_PIECE, body, &job);
-}
-
-void pci_skin_frames_displace(pci_skin_frames *w) { run_pass(w, displace_piece, NULL); }
-void pci_skin_frames_fit(pci_skin_frames *w, pci_skin_sums *sums) { run_pass(w, fit_piece, sums); }
-void pci_skin_frames_gradient(pci_skin_frames *w) { run_pass(w, gradient_piece, NULL); }
-
 bool pci_skin_frames_build_sequential(pci_scratch *scratch, const pci_skin_problem *problem,
-                                      const pci_skin_kernel *kernel, bool keep_all,
-                                      pci_skin_frames *w) {
+                                      const pci_skin_kernel *kernel, pci_skin_frames *w) {
     const size_t frame_count = problem->frame_count;
     const size_t block_count = (frame_count + PCI_BLOCK - 1) / PCI_BLOCK;
     uint32_t *order = PCI_SCRATCH(scratch, uint32_t, PCI_BLOCK * block_count);
@@ -237,8 +319,7 @@ bool pci_skin_frames_build_sequential(pci_scratch *scratch, const pci_skin_probl
             order[b * PCI_BLOCK + lane] = f < frame_count ? (uint32_t)f : PC_INVALID_INDEX;
         }
     }
-    return pci_skin_frames_build(scratch, problem, kernel, block_count, order,
-                                 keep_all ? block_count : 1, w);
+    return pci_skin_frames_build(scratch, problem, kernel, block_count, order, w);
 }
 
 void pci_skin_frames_set_weights(pci_skin_frames *w, const double *weights) {
@@ -247,20 +328,67 @@ void pci_skin_frames_set_weights(pci_skin_frames *w, const double *weights) {
     }
 }
 
-void pci_skin_frames_add(const pci_skin_frames *w, size_t block, size_t pieces,
-                         const pci_skin_sums *sums, pci_skin_measures *measures,
-                         double *per_frame) {
-    for (size_t lane = 0; lane < PCI_BLOCK; ++lane) {
-        const uint32_t f = w->frames[block * PCI_BLOCK + lane];
+// ---- losses and gradient ------------------------------------------------------------------------
+
+typedef struct evaluation {
+    const pci_skin_frames *w;
+    size_t begin, end; // blocks
+    bool gradient;
+    pci_skin_sums *sums;
+} evaluation;
+
+static void evaluate_patches(void *user, size_t begin, size_t end, uint32_t worker) {
+    const evaluation *job = user;
+    const pci_skin_frames *w = job->w;
+    const size_t row_size = w->problem->slots * w->kernel->real_size;
+    for (size_t i = begin; i < end; ++i) {
+        char *gradient = job->gradient ? (char *)w->partial + w->patch_rows[i] * row_size : NULL;
+        if (job->gradient) {
+            memset(gradient, 0, w->patches[i].local_count * row_size);
+        }
+        for (size_t b = job->begin; b < job->end; ++b) {
+            pci_skin_sums *sums = job->sums != NULL ? &job->sums[i * w->block_count + b] : NULL;
+            w->kernel->evaluate(&w->data, &w->patches[i], w->drivers + b * w->driver_size,
+                                &w->buffers[worker], b == job->begin, sums, gradient);
+        }
+    }
+}
+
+bool pci_skin_frames_evaluate(pci_skin_frames *w, size_t begin, size_t end, bool gradient,
+                              pci_skin_sums *sums) {
+    if (sums != NULL) {
+        memset(sums, 0, w->patch_count * w->block_count * sizeof(*sums));
+    }
+    evaluation job = {.w = w, .begin = begin, .end = end, .gradient = gradient, .sums = sums};
+    return pci_parallel_while_wanted(w->context, w->patch_count, 1, evaluate_patches, &job);
+}
+
+void pci_skin_frames_row(const pci_skin_frames *w, size_t vertex, double *row) {
+    const size_t slots = w->problem->slots;
+    memset(row, 0, slots * sizeof(*row));
+    for (size_t s = w->share_offsets[vertex]; s < w->share_offsets[vertex + 1]; ++s) {
+        for (size_t k = 0; k < slots; ++k) {
+            row[k] += pci_skin_get(w->kernel, w->partial, w->shares[s] * slots + k);
+        }
+    }
+}
+
+void pci_skin_frames_add(const pci_skin_frames *w, const pci_skin_sums *sums,
+                         pci_skin_measures *measures, double *per_frame) {
+    memset(measures, 0, sizeof(*measures));
+    for (size_t i = 0; i < w->block_count * PCI_BLOCK; ++i) {
+        const size_t block = i / PCI_BLOCK, lane = i % PCI_BLOCK;
+        const uint32_t f = w->frames[i];
         if (f == PC_INVALID_INDEX) {
             continue;
         }
         double losses[3] = {0};
-        for (size_t i = 0; i < pieces; ++i) {
-            losses[0] += sums[i].rigid[lane];
-            losses[1] += sums[i].collision[lane];
-            losses[2] += sums[i].attachment[lane];
-            measures->reflections += sums[i].reflections[lane];
+        for (size_t patch = 0; patch < w->patch_count; ++patch) {
+            const pci_skin_sums *sum = &sums[patch * w->block_count + block];
+            for (size_t x = 0; x < 3; ++x) {
+                losses[x] += sum->losses[x][lane];
+            }
+            measures->reflections += sum->reflections[lane];
         }
         for (size_t x = 0; x < 3; ++x) {
             losses[x] /= w->unit * w->unit;
@@ -277,28 +405,19 @@ pc_status pci_skin_measure(pc_context *context, const pci_skin_problem *problem,
                            pci_skin_measures *measures, double *per_frame) {
     pci_scratch scratch = pci_scratch_begin(context);
     pci_skin_frames w;
-    pc_status status = PC_OK;
-    const size_t pieces = (problem->vertex_count + PCI_SKIN_PIECE - 1) / PCI_SKIN_PIECE;
-    pci_skin_sums *sums = PCI_SCRATCH(&scratch, pci_skin_sums, pieces);
-    memset(measures, 0, sizeof(*measures));
-    if (scratch.failed || !pci_skin_frames_build_sequential(&scratch, problem, kernel, false, &w)) {
-        status = pci_fail_memory(context, stage);
-    } else {
-        pci_skin_frames_set_weights(&w, weights);
+    pci_skin_sums *sums = NULL;
+    bool good = pci_skin_frames_build_sequential(&scratch, problem, kernel, &w);
+    if (good) {
+        sums = PCI_SCRATCH(&scratch, pci_skin_sums, w.patch_count * w.block_count);
+        good = sums != NULL;
     }
-    for (size_t b = 0; status == PC_OK && b < w.block_count; ++b) {
-        if (!pci_keep_going(context)) {
-            status = pci_fail_cancelled(context, stage);
-            break;
-        }
-        pci_skin_frames_use(&w, b, 0);
-        memset(sums, 0, pieces * sizeof(*sums));
-        pci_skin_frames_displace(&w);
-        pci_skin_frames_fit(&w, sums);
-        pci_skin_frames_add(&w, b, pieces, sums, measures, per_frame);
+    if (good) {
+        pci_skin_frames_set_weights(&w, weights);
+        good = pci_skin_frames_evaluate(&w, 0, w.block_count, false, sums);
+        pci_skin_frames_add(&w, sums, measures, per_frame);
     }
     pci_scratch_end(&scratch);
-    return status;
+    return good ? PC_OK : pci_fail_memory(context, stage);
 }
 
 pc_status pci_skin_gradient(pc_context *context, const pci_skin_problem *problem,
@@ -306,24 +425,17 @@ pc_status pci_skin_gradient(pc_context *context, const pci_skin_problem *problem
                             const double scale[4], double *gradient) {
     pci_scratch scratch = pci_scratch_begin(context);
     pci_skin_frames w;
-    pc_status status = PC_OK;
-    if (!pci_skin_frames_build_sequential(&scratch, problem, kernel, false, &w)) {
-        status = pci_fail_memory(context, stage);
-    } else {
+    bool good = pci_skin_frames_build_sequential(&scratch, problem, kernel, &w);
+    if (good) {
         pci_skin_frames_set_weights(&w, weights);
         for (size_t x = 0; x < 4; ++x) {
             w.data.scale[x] = scale[x] / (w.unit * w.unit);
         }
-        for (size_t b = 0; b < w.block_count; ++b) {
-            pci_skin_frames_use(&w, b, 0);
-            pci_skin_frames_displace(&w);
-            pci_skin_frames_fit(&w, NULL);
-            pci_skin_frames_gradient(&w);
-        }
-        for (size_t i = 0; i < problem->vertex_count * problem->slots; ++i) {
-            gradient[i] = pci_skin_get(kernel, w.data.gradient, i);
+        good = pci_skin_frames_evaluate(&w, 0, w.block_count, true, NULL);
+        for (size_t v = 0; v < problem->vertex_count; ++v) {
+            pci_skin_frames_row(&w, v, &gradient[v * problem->slots]);
         }
     }
     pci_scratch_end(&scratch);
-    return status;
+    return good ? PC_OK : pci_fail_memory(context, stage);
 }

@@ -1,48 +1,57 @@
-// A weight problem in the layout of the kernels, with its frames in blocks. For skin*.c.
+// A weight problem in the layout of the kernels: vertices in patches, frames in blocks. For
+// skin*.c.
 #ifndef PCI_SKIN_FRAMES_H
 #define PCI_SKIN_FRAMES_H
 
 #include "stages/skin_internal.h"
 
-enum { PCI_SKIN_PIECE = 64, PCI_SKIN_SLOTS_MAX = 64 }; // vertices per piece of a parallel loop
+enum { PCI_SKIN_SLOTS_MAX = 64 };
 
 typedef struct pci_skin_frames {
     pc_context *context;
     const pci_skin_problem *problem;
     const pci_skin_kernel *kernel;
     pci_skin_data data;
+    double unit; // lengths are multiplied by this
+
+    size_t patch_count;
+    pci_skin_patch *patches;
+    pci_skin_buffers *buffers; // #threads
+    // What the patches know of dE/dW, and where the rows of each vertex are in it.
+    void *partial;           // real, #rows by slots
+    size_t *patch_rows;      // #patches + 1, first row of each patch
+    uint32_t *share_offsets; // #V + 1
+    uint32_t *shares;        // #rows, ascending for each vertex
+
     size_t block_count;
     const uint32_t *frames; // #blocks by PCI_BLOCK, PC_INVALID_INDEX where a block is not full
-    char *drivers;          // #blocks, see pci_skin_data
-    char *quaternions;
-    size_t driver_size, quaternion_size; // bytes per block
-    double unit;                         // lengths are multiplied by this
+    char *drivers;          // #blocks, see pci_skin_kernel
+    size_t driver_size;     // bytes per block
 } pci_skin_frames;
 
 // `frames`: #blocks by PCI_BLOCK, the frames of each block, PC_INVALID_INDEX where it is not full.
-// `kept_blocks`: 1 to hold one block at a time, block_count to hold all.
 bool pci_skin_frames_build(pci_scratch *scratch, const pci_skin_problem *problem,
                            const pci_skin_kernel *kernel, size_t block_count,
-                           const uint32_t *frames, size_t kept_blocks, pci_skin_frames *w);
+                           const uint32_t *frames, pci_skin_frames *w);
 
-// Blocks in which each lane walks through consecutive frames, so the rotations of a frame are a
-// good guess for the next.
+// All frames. Each lane walks through consecutive ones, so the rotations of a frame are a good
+// guess for the next.
 bool pci_skin_frames_build_sequential(pci_scratch *scratch, const pci_skin_problem *problem,
-                                      const pci_skin_kernel *kernel, bool keep_all,
-                                      pci_skin_frames *w);
+                                      const pci_skin_kernel *kernel, pci_skin_frames *w);
 
-void pci_skin_frames_use(pci_skin_frames *w, size_t block, size_t kept);
 void pci_skin_frames_set_weights(pci_skin_frames *w, const double *weights);
 
-// One step of the kernels over all vertices for the block in use; `sums` per piece, or NULL.
-void pci_skin_frames_displace(pci_skin_frames *w);
-void pci_skin_frames_fit(pci_skin_frames *w, pci_skin_sums *sums);
-void pci_skin_frames_gradient(pci_skin_frames *w);
+// Evaluates the blocks from `begin` to `end`. `sums` (#patches by #blocks, the patch first) may be
+// NULL. False: cancelled.
+bool pci_skin_frames_evaluate(pci_skin_frames *w, size_t begin, size_t end, bool gradient,
+                              pci_skin_sums *sums);
 
-// Adds the sums of a block, `pieces` of them, to `measures`; `per_frame` (#frames by 3) may be
-// NULL.
-void pci_skin_frames_add(const pci_skin_frames *w, size_t block, size_t pieces,
-                         const pci_skin_sums *sums, pci_skin_measures *measures, double *per_frame);
+// The row of dE/dW of one vertex, of the blocks evaluated last.
+void pci_skin_frames_row(const pci_skin_frames *w, size_t vertex, double *row);
+
+// Adds up the sums of all blocks; `per_frame` (#frames by 3) may be NULL.
+void pci_skin_frames_add(const pci_skin_frames *w, const pci_skin_sums *sums,
+                         pci_skin_measures *measures, double *per_frame);
 
 // Elements of arrays of the kernel's real type.
 void *pci_skin_reals(pci_scratch *scratch, const pci_skin_kernel *kernel, size_t count);

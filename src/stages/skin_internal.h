@@ -15,6 +15,7 @@ typedef struct pci_skin_problem {
     const uint32_t *near;       // K(i): #V by near_count
     const double *near_weights; // Kw: #V by near_count, rows sum to 1; V - Kw V is K V of (10)
     double norms[3];            // of L_r, L_c, L_a; see pc_skin_losses
+    const uint32_t *order;      // #V, along a curve through space, for patches and groups
     size_t proxy_count;
     const double *proxy_rest; // #P by 3
     size_t frame_count;

@@ -1,15 +1,16 @@
-// The losses of skin.h and their gradient for one block of frames, vectorised over the frames.
+// The losses of skin.h and their gradient for one block of frames and one patch of vertices,
+// vectorised over the frames.
 //
 // The kernels exist in float (optimiser) and double (evaluation, tests), each for several
 // instruction sets. Every frame of a block is computed by the same operations in the same order
 // whatever the width of the registers, so all of them give the same bits.
 //
-// For fixed rotations (envelope theorem) the gradient by the displacement u_i is, per term,
-//   L_r, L_c:  2 sum_{j in N(i)} r_ij - 2 sum_{j: i in N(j)} r_ji,   r_ij = e_ij(t) - R_i e_ij(0)
-//   L_a:       2 a_i - 2 sum_{j: i in K(j)} Kw_ji a_j,               a_i = V_i - sum_j Kw_ij V_j
-//   L_s:       4 sum_{j in N(i)} (1 - |e_ij(0)| / |e_ij(t)|) e_ij(t)
-// with e_ij = v_i - v_j. It is gathered per vertex, which needs no atomics and no order; or, where
-// one thread has all vertices of a block, scattered.
+// With x_ij = u_i - u_j and e_ij the edge at rest, each term pulls the two ends of an edge i -> j
+// together or apart by the same force; for fixed rotations (envelope theorem) half of it is
+//   L_r, L_c:  x_ij - (R_i - I) e_ij        for j in N(i), in K(i)
+//   L_a:       Kw_ij a_i                    for j in K(i), a_i = a_i(0) + sum_j Kw_ij x_ij
+//   L_s:       2 (1 - |e_ij| / |e_ij(t)|) e_ij(t)   once for each edge of the ring
+// so a list of edges serves all of them. What reaches vertices of other patches is added up there.
 #ifndef PCI_SKIN_KERNEL_H
 #define PCI_SKIN_KERNEL_H
 
@@ -17,57 +18,61 @@
 
 enum { PCI_BLOCK = 16 }; // frames per block, the innermost dimension of all per-frame arrays
 
-// Directed edges i -> j of one term, by the vertex i.
-typedef struct pci_skin_edges {
-    const size_t *offsets;   // #V + 1
-    const uint32_t *targets; // j
-    const void *vectors;     // e_ij(0), 3 reals per edge
-    const void *lengths;     // |e_ij(0)|, or NULL
-    const void *constants;   // #V by 13: sum e e^T (9), sum e (3), 1 / sum |e|^2 or 0
-} pci_skin_edges;
+// Edges of one vertex i, in five runs: to j in N(i) only, to N(i) and K(i), to K(i) only; each of
+// the first two cut where j > i begins or ends, so that these edges of the ring are in one piece.
+typedef struct pci_skin_runs {
+    uint32_t begin, upper, near, upper_end, ring_end, end;
+} pci_skin_runs;
 
-// What the kernels read and write. "real" is float or double, see pci_skin_kernel.
+// Some vertices with all that they need. "real" is float or double, see pci_skin_kernel.
+typedef struct pci_skin_patch {
+    uint32_t own_count;
+    uint32_t local_count;      // and their neighbours
+    const uint32_t *vertices;  // #local, own ones first
+    const pci_skin_runs *runs; // #own
+    const uint32_t *targets;   // j of each edge, as local vertex
+    const void *vectors;       // real, e_ij, 3 per edge
+    const void *lengths;       // real, |e_ij| per edge
+    const void *near_weights;  // real, Kw_ij per edge, 0 outside K(i)
+    const void *constants;     // real, #own by 17: see pci_skin_constant
+} pci_skin_patch;
+
+enum {                 // of a vertex
+    PCI_SKIN_RING = 0, // sum e e^T over N(i), 6 entries: xx, xy, xz, yy, yz, zz; 1 / sum |e|^2 or 0
+    PCI_SKIN_NEAR = 7, // the same over K(i)
+    PCI_SKIN_ATTACHED = 14, // a_i(0), 3
+    PCI_SKIN_CONSTANTS = 17
+};
+
+// What all patches share.
 typedef struct pci_skin_data {
     uint32_t slots;
-    const uint32_t *bones;          // #V by slots
-    const void *weights;            // real, #V by slots
-    pci_skin_edges ring;            // N(i), symmetric
-    pci_skin_edges near;            // K(i)
-    const void *near_weights;       // real, Kw_ij per edge of `near`
-    const void *attachment_rest;    // real, #V by 3: a_i at rest
-    const size_t *incoming_offsets; // #V + 1
-    const uint32_t *incoming;       // j with i in K(j)
-    const void *incoming_vectors;   // real, e_ij(0), 3 per incoming edge
-    const void *incoming_weights;   // real, Kw_ji
-    double scale[4];                // of the gradients of L_r, L_c, L_a, L_s
-
-    const void *driver;  // real, #P by 3 by PCI_BLOCK: displacements of the proxy
-    void *displacements; // real, #V by 3 by PCI_BLOCK: u
-    void *quaternions;   // real, #V by 8 by PCI_BLOCK: rotations of L_r, L_c; in: first guess
-    void *rotations;     // real, #V by 18 by PCI_BLOCK
-    void *residuals;     // real, #V by 6 by PCI_BLOCK: a_i; the part of the gradient that i knows
-    void *forces;        // real, #V by 3 by PCI_BLOCK: added to, `scatter` alone
-    void *gradient;      // real, #V by slots: added to
+    const uint32_t *bones; // #V by slots
+    const void *weights;   // real, #V by slots
+    double scale[4];       // of the gradients of L_r, L_c, L_a, L_s
 } pci_skin_data;
 
-// Counts and sums over a range of vertices, per frame of the block.
+// Of one thread, for the patch in hand.
+typedef struct pci_skin_buffers {
+    void *displacements; // real, #local by 3 by PCI_BLOCK: u
+    void *forces;        // real, #local by 3 by PCI_BLOCK: half of dE/du
+    void *quaternions;   // real, #own by 4 by PCI_BLOCK: rotations of L_r; in: first guess
+} pci_skin_buffers;
+
+// Counts and sums over a patch, per frame of the block.
 typedef struct pci_skin_sums {
-    double rigid[PCI_BLOCK], collision[PCI_BLOCK], attachment[PCI_BLOCK];
+    double losses[3][PCI_BLOCK];     // L_r, L_c, L_a
     uint64_t reflections[PCI_BLOCK]; // vertices with det(S) < 0 in L_r
 } pci_skin_sums;
 
 typedef struct pci_skin_kernel {
     size_t real_size;
-    // u = sum_j w_ij d_j.
-    void (*displace)(const pci_skin_data *data, size_t begin, size_t end);
-    // Rotations and what a vertex alone contributes to the gradient; `sums` may be NULL.
-    void (*fit)(const pci_skin_data *data, size_t begin, size_t end, pci_skin_sums *sums);
-    // dL/dw_ij, weights taken as free. Needs `fit` for all vertices.
-    void (*gradient)(const pci_skin_data *data, size_t begin, size_t end);
-    // The same in half the time, by one thread for the whole block: `scatter` adds half of dL/du to
-    // `forces` instead of keeping rotations and residuals, `collect` does what `gradient` does.
-    void (*scatter)(const pci_skin_data *data, size_t vertex_count, pci_skin_sums *sums);
-    void (*collect)(const pci_skin_data *data, size_t begin, size_t end);
+    // `driver`: real, #P by 3 by PCI_BLOCK, displacements of the proxy. `first`: there are no
+    // rotations of the block before in the buffers. `sums`: added to, or NULL. `gradient`: real,
+    // #local by slots, dL/dw is added with the weights taken as free; or NULL.
+    void (*evaluate)(const pci_skin_data *data, const pci_skin_patch *patch, const void *driver,
+                     const pci_skin_buffers *buffers, bool first, pci_skin_sums *sums,
+                     void *gradient);
 } pci_skin_kernel;
 
 // The kernels of the best instruction set of this processor.

@@ -2,13 +2,16 @@
 //   REAL     float or double
 //   INTEGER  integer of the same size
 //   LANES    frames per register, divides PCI_BLOCK
+//   ANY(mask)  whether any bit is set
 //   NAME(x)  name of x for this type
-//   SQRT, LENGTH_TOLERANCE  square root; what keeps squared lengths from 0
+//   ROOT_BITS, ROOT_STEPS, LENGTH_TOLERANCE  see NAME(inverse_root)
 //   STEP_TOLERANCE, CURVATURE_TOLERANCE  see NAME(fit_rotation)
 // Vector types, loads and stores go through pointers to REAL, which are aligned to a register.
 
 typedef REAL NAME(vec) __attribute__((vector_size(LANES * sizeof(REAL)), may_alias));
 typedef INTEGER NAME(mask) __attribute__((vector_size(LANES * sizeof(REAL)), may_alias));
+typedef REAL NAME(quad) __attribute__((vector_size(4 * sizeof(REAL)), may_alias));
+#define QUAD NAME(quad)
 #define VEC  NAME(vec)
 #define MASK NAME(mask)
 
@@ -26,25 +29,15 @@ static inline __attribute__((always_inline)) void NAME(store)(REAL *p, const VEC
     } while (0)
 #define SELECT(mask, yes, no) ((VEC)(((mask) & (MASK)(yes)) | (~(mask) & (MASK)(no))))
 
-static bool NAME(any)(const MASK *mask) {
-    INTEGER bits = 0;
-    for (size_t l = 0; l < LANES; ++l) {
-        bits |= (*mask)[l];
-    }
-    return bits != 0;
-}
-
-// Row-major rotation matrix of a quaternion of any length.
-static inline __attribute__((always_inline)) void NAME(matrix)(const VEC q[4], VEC r[9]) {
-    const VEC n = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
-    const VEC t = (REAL)2 / n;
-    const VEC tx = t * q[1], ty = t * q[2], tz = t * q[3];
+// Row-major rotation matrix of a unit quaternion, minus the identity.
+static inline __attribute__((always_inline)) void NAME(turn)(const VEC q[4], VEC r[9]) {
+    const VEC tx = q[1] + q[1], ty = q[2] + q[2], tz = q[3] + q[3];
     const VEC wx = tx * q[0], wy = ty * q[0], wz = tz * q[0];
     const VEC xx = tx * q[1], xy = tx * q[2], xz = tx * q[3];
     const VEC yy = ty * q[2], yz = ty * q[3], zz = tz * q[3];
-    r[0] = (REAL)1 - (yy + zz), r[1] = xy - wz, r[2] = xz + wy;
-    r[3] = xy + wz, r[4] = (REAL)1 - (xx + zz), r[5] = yz - wx;
-    r[6] = xz - wy, r[7] = yz + wx, r[8] = (REAL)1 - (xx + yy);
+    r[0] = -(yy + zz), r[1] = xy - wz, r[2] = xz + wy;
+    r[3] = xy + wz, r[4] = -(xx + zz), r[5] = yz - wx;
+    r[6] = xz - wy, r[7] = yz + wx, r[8] = -(xx + yy);
 }
 
 // Solves failed lanes one by one.
@@ -64,72 +57,100 @@ static __attribute__((noinline)) void NAME(solve_lanes)(const VEC s[9], const MA
     }
 }
 
-// The rotation R that maximises tr(R^T S), in place of the first guess q.
+// w = H^-1 g / 2 of a symmetric H, rows 00, 01, 02, 11, 12, 22. Returns where H is definite; what w
+// is elsewhere does not matter.
+static inline __attribute__((always_inline)) MASK NAME(half_step)(const VEC h[6], const VEC g[3],
+                                                                  VEC w[3]) {
+    // Cofactors of H; its leading minors tell definiteness.
+    const VEC c00 = h[3] * h[5] - h[4] * h[4], c01 = h[2] * h[4] - h[1] * h[5];
+    const VEC c02 = h[1] * h[4] - h[2] * h[3], c11 = h[0] * h[5] - h[2] * h[2];
+    const VEC c12 = h[1] * h[2] - h[0] * h[4], c22 = h[0] * h[3] - h[1] * h[1];
+    const VEC det = h[0] * c00 + h[1] * c01 + h[2] * c02;
+    const MASK definite = (h[0] > 0) & (c22 > 0) & (det > 0);
+    const VEC half = (REAL)0.5 / SELECT(definite, det, (VEC){0} + (REAL)1);
+    w[0] = half * (c00 * g[0] + c01 * g[1] + c02 * g[2]);
+    w[1] = half * (c01 * g[0] + c11 * g[1] + c12 * g[2]);
+    w[2] = half * (c02 * g[0] + c12 * g[1] + c22 * g[2]);
+    return definite;
+}
+
+static inline __attribute__((always_inline)) VEC NAME(absolute)(VEC x) {
+    return SELECT(x < 0, -x, x);
+}
+
+// The rotation R = I + r that maximises tr(R^T S), in place of the first guess q, a unit
+// quaternion.
 //
 // Newton's method on R exp([w]). With P = R^T S the gradient is g = axial(P - P^T) and minus the
 // Hessian is H = tr(P) I - sym(P). Turning a stationary R by an angle a about n changes the
-// objective by -(1 - cos a) n^T H n exactly, so H >= 0 certifies the global optimum. Lanes that
-// lose definiteness or do not converge are solved by Jacobi rotations. S is scaled to about 1.
+// objective by -(1 - cos a) n^T H n exactly, so H >= 0 certifies the global optimum; and for want
+// of a third derivative there, the error after a step is of the order of its third power. Where H
+// is not definite it is made so for one step uphill. Lanes that end on a saddle or do not converge
+// are solved by Jacobi rotations. S is scaled to about 1.
 static inline __attribute__((always_inline)) void NAME(fit_rotation)(const VEC s[9], VEC q[4],
                                                                      VEC r[9]) {
     MASK running = (MASK){0} == 0, failed = (MASK){0};
-    for (int step = 0; step < 12; ++step) {
-        VEC p[9];
-        NAME(matrix)(q, r);
+    for (int step = 0; step < 16; ++step) {
+        VEC p[9], w[3];
+        NAME(turn)(q, r);
         for (size_t i = 0; i < 3; ++i) {
             for (size_t j = 0; j < 3; ++j) {
-                p[3 * i + j] = r[i] * s[j] + r[3 + i] * s[3 + j] + r[6 + i] * s[6 + j];
+                p[3 * i + j] =
+                    s[3 * i + j] + (r[i] * s[j] + r[3 + i] * s[3 + j] + r[6 + i] * s[6 + j]);
             }
         }
-        const VEC gx = p[7] - p[5], gy = p[2] - p[6], gz = p[3] - p[1];
-        const VEC h00 = p[4] + p[8] + (REAL)CURVATURE_TOLERANCE;
-        const VEC h11 = p[0] + p[8] + (REAL)CURVATURE_TOLERANCE;
-        const VEC h22 = p[0] + p[4] + (REAL)CURVATURE_TOLERANCE;
-        const VEC h01 = (REAL)-0.5 * (p[1] + p[3]);
-        const VEC h02 = (REAL)-0.5 * (p[2] + p[6]);
-        const VEC h12 = (REAL)-0.5 * (p[5] + p[7]);
-        // Cofactors of H; its leading minors tell definiteness.
-        const VEC c00 = h11 * h22 - h12 * h12, c01 = h02 * h12 - h01 * h22;
-        const VEC c02 = h01 * h12 - h02 * h11, c11 = h00 * h22 - h02 * h02;
-        const VEC c12 = h01 * h02 - h00 * h12, c22 = h00 * h11 - h01 * h01;
-        const VEC det = h00 * c00 + h01 * c01 + h02 * c02;
-        const MASK definite = (h00 > 0) & (c22 > 0) & (det > 0);
-        failed |= running & ~definite;
-        running &= definite;
-        const VEC inverse = (REAL)1 / SELECT(definite, det, (VEC){0} + (REAL)1);
-        VEC wx = inverse * (c00 * gx + c01 * gy + c02 * gz);
-        VEC wy = inverse * (c01 * gx + c11 * gy + c12 * gz);
-        VEC wz = inverse * (c02 * gx + c12 * gy + c22 * gz);
-        // At most one radian; then q (1, w / 2), brought back to about length 1.
-        const VEC length = wx * wx + wy * wy + wz * wz;
-        const VEC half = (REAL)0.5 / SELECT(length > (REAL)1, length, (VEC){0} + (REAL)1);
-        wx *= half, wy *= half, wz *= half;
-        const VEC q0 = q[0] - q[1] * wx - q[2] * wy - q[3] * wz;
-        const VEC q1 = q[1] + q[0] * wx + q[2] * wz - q[3] * wy;
-        const VEC q2 = q[2] + q[0] * wy + q[3] * wx - q[1] * wz;
-        const VEC q3 = q[3] + q[0] * wz + q[1] * wy - q[2] * wx;
+        const VEC g[3] = {p[7] - p[5], p[2] - p[6], p[3] - p[1]};
+        VEC h[6] = {p[4] + p[8] + (REAL)CURVATURE_TOLERANCE,
+                    (REAL)-0.5 * (p[1] + p[3]),
+                    (REAL)-0.5 * (p[2] + p[6]),
+                    p[0] + p[8] + (REAL)CURVATURE_TOLERANCE,
+                    (REAL)-0.5 * (p[5] + p[7]),
+                    p[0] + p[4] + (REAL)CURVATURE_TOLERANCE};
+        const MASK lost = running & ~NAME(half_step)(h, g, w);
+        if (ANY(lost)) {
+            VEC shift = NAME(absolute)(h[1]) + NAME(absolute)(h[2]) + NAME(absolute)(h[4]);
+            shift += shift + NAME(absolute)(h[0]) + NAME(absolute)(h[3]) + NAME(absolute)(h[5]);
+            shift = SELECT(lost, shift, (VEC){0});
+            h[0] += shift, h[3] += shift, h[5] += shift;
+            running &= NAME(half_step)(h, g, w);
+        }
+        const VEC length = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
+        const MASK moving = running & ~(length < (REAL)STEP_TOLERANCE);
+        failed |= lost & ~moving;
+        if (ANY(moving)) { // at most one radian
+            const VEC factor =
+                (REAL)0.25 / SELECT(length > (REAL)0.25, length, (VEC){0} + (REAL)0.25);
+            w[0] *= factor, w[1] *= factor, w[2] *= factor;
+        }
+        // q (1, w / 2), brought back to about length 1: exactly when the last step is small.
+        const VEC q0 = q[0] - (q[1] * w[0] + q[2] * w[1] + q[3] * w[2]);
+        const VEC q1 = q[1] + (q[0] * w[0] + q[2] * w[2] - q[3] * w[1]);
+        const VEC q2 = q[2] + (q[0] * w[1] + q[3] * w[0] - q[1] * w[2]);
+        const VEC q3 = q[3] + (q[0] * w[2] + q[1] * w[1] - q[2] * w[0]);
         const VEC n = q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3;
         const VEC unit = (REAL)1.5 - (REAL)0.5 * n;
         q[0] = SELECT(running, q0 * unit, q[0]), q[1] = SELECT(running, q1 * unit, q[1]);
         q[2] = SELECT(running, q2 * unit, q[2]), q[3] = SELECT(running, q3 * unit, q[3]);
-        running &= ~(length < (REAL)STEP_TOLERANCE);
-        if (!NAME(any)(&running)) {
+        running = moving;
+        if (!ANY(running)) {
             break;
         }
     }
     failed |= running;
-    if (NAME(any)(&failed)) {
+    if (ANY(failed)) {
         NAME(solve_lanes)(s, &failed, q);
     }
-    NAME(matrix)(q, r);
+    NAME(turn)(q, r);
 }
 
-static void NAME(displace)(const pci_skin_data *data, size_t begin, size_t end) {
-    const REAL *weights = data->weights, *driver = data->driver;
-    REAL *displacements = data->displacements;
-    for (size_t v = begin; v < end; ++v) {
-        const uint32_t *bones = &data->bones[v * data->slots];
-        const REAL *weight = &weights[v * data->slots];
+static inline __attribute__((always_inline)) void NAME(displace)(const pci_skin_data *data,
+                                                                 const pci_skin_patch *patch,
+                                                                 const REAL *driver,
+                                                                 REAL *displacements) {
+    const REAL *weights = data->weights;
+    for (size_t v = 0; v < patch->local_count; ++v) {
+        const uint32_t *bones = &data->bones[(size_t)patch->vertices[v] * data->slots];
+        const REAL *weight = &weights[(size_t)patch->vertices[v] * data->slots];
         for (size_t lane = 0; lane < PCI_BLOCK; lane += LANES) {
             VEC x = {0}, y = {0}, z = {0};
             for (size_t k = 0; k < data->slots; ++k) {
@@ -146,53 +167,137 @@ static void NAME(displace)(const pci_skin_data *data, size_t begin, size_t end) 
     }
 }
 
-// Sum of squared residuals of one vertex, per lane.
-static inline __attribute__((always_inline)) VEC NAME(loss)(const pci_skin_edges *edges,
-                                                            const REAL *displacements, size_t v,
-                                                            size_t lane, const VEC r[9]) {
-    const REAL *e = edges->vectors;
-    const REAL *u = &displacements[3 * PCI_BLOCK * v + lane];
-    VEC sum = {0};
-    for (size_t k = edges->offsets[v]; k < edges->offsets[v + 1]; ++k) {
-        const REAL *uj = &displacements[3 * PCI_BLOCK * (size_t)edges->targets[k] + lane];
-        const REAL ex = e[3 * k], ey = e[3 * k + 1], ez = e[3 * k + 2];
-        const VEC x = ex + (LOAD(u) - LOAD(uj)) - (r[0] * ex + r[1] * ey + r[2] * ez);
-        const VEC y =
-            ey + (LOAD(u + PCI_BLOCK) - LOAD(uj + PCI_BLOCK)) - (r[3] * ex + r[4] * ey + r[5] * ez);
-        const VEC z = ez + (LOAD(u + 2 * PCI_BLOCK) - LOAD(uj + 2 * PCI_BLOCK)) -
-                      (r[6] * ex + r[7] * ey + r[8] * ez);
-        sum += x * x + y * y + z * z;
-    }
-    return sum;
-}
+// One lane group of one vertex.
+typedef struct NAME(vertex) {
+    const pci_skin_patch *patch;
+    const pci_skin_runs *runs;
+    const REAL *constants, *displacements; // the latter from the lane on
+    VEC u[3];
+} NAME(vertex);
 
-// S = sum e(t) e(0)^T of one vertex, scaled, and out = sum e(t).
-static inline __attribute__((always_inline)) void NAME(covariance)(const pci_skin_edges *edges,
-                                                                   const REAL *displacements,
-                                                                   size_t v, size_t lane, VEC s[9],
-                                                                   VEC out[3]) {
-    const REAL *e = edges->vectors;
-    const REAL *constant = (const REAL *)edges->constants + 13 * v;
-    const REAL *u = &displacements[3 * PCI_BLOCK * v + lane];
-    const VEC ux = LOAD(u), uy = LOAD(u + PCI_BLOCK), uz = LOAD(u + 2 * PCI_BLOCK);
-    for (size_t k = 0; k < 9; ++k) {
-        s[k] = (VEC){0} + constant[k];
-    }
-    for (size_t k = 0; k < 3; ++k) {
-        out[k] = (VEC){0} + constant[9 + k];
-    }
-    for (size_t k = edges->offsets[v]; k < edges->offsets[v + 1]; ++k) {
-        const REAL *uj = &displacements[3 * PCI_BLOCK * (size_t)edges->targets[k] + lane];
-        const VEC x = ux - LOAD(uj), y = uy - LOAD(uj + PCI_BLOCK);
-        const VEC z = uz - LOAD(uj + 2 * PCI_BLOCK);
+// Adds sum x e^T over some edges to s, sum Kw x to `attached`, and sum |x|^2 to `squares` (these
+// two may be NULL).
+static inline __attribute__((always_inline)) void NAME(gather)(const NAME(vertex) * v,
+                                                               uint32_t begin, uint32_t end,
+                                                               VEC s[9], VEC attached[3],
+                                                               VEC *squares) {
+    const REAL *e = v->patch->vectors, *weights = v->patch->near_weights;
+    for (size_t k = begin; k < end; ++k) {
+        const REAL *uj = &v->displacements[3 * PCI_BLOCK * (size_t)v->patch->targets[k]];
+        const VEC x = v->u[0] - LOAD(uj), y = v->u[1] - LOAD(uj + PCI_BLOCK);
+        const VEC z = v->u[2] - LOAD(uj + 2 * PCI_BLOCK);
         const REAL ex = e[3 * k], ey = e[3 * k + 1], ez = e[3 * k + 2];
-        out[0] += x, out[1] += y, out[2] += z;
         s[0] += x * ex, s[1] += x * ey, s[2] += x * ez;
         s[3] += y * ex, s[4] += y * ey, s[5] += y * ez;
         s[6] += z * ex, s[7] += z * ey, s[8] += z * ez;
+        if (attached != NULL) {
+            attached[0] += weights[k] * x, attached[1] += weights[k] * y;
+            attached[2] += weights[k] * z;
+        }
+        if (squares != NULL) {
+            *squares += x * x + y * y + z * z;
+        }
     }
+}
+
+// Of both terms: S scaled to about 1, L_a's a; and, if asked for, sums of |x|^2.
+static inline __attribute__((always_inline)) void NAME(gather_all)(const NAME(vertex) * v,
+                                                                   VEC ring[9], VEC near[9],
+                                                                   VEC attached[3],
+                                                                   VEC squares[2]) {
+    static const uint8_t entry[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
+    const pci_skin_runs *runs = v->runs;
+    VEC both[9] = {{0}}, shared = {0};
     for (size_t k = 0; k < 9; ++k) {
-        s[k] *= constant[12];
+        ring[k] = near[k] = (VEC){0};
+    }
+    for (size_t k = 0; k < 3; ++k) {
+        attached[k] = (VEC){0} + v->constants[PCI_SKIN_ATTACHED + k];
+    }
+    if (squares != NULL) {
+        squares[0] = squares[1] = (VEC){0};
+    }
+    NAME(gather)(v, runs->begin, runs->near, ring, NULL, squares);
+    NAME(gather)
+    (v, runs->near, runs->ring_end, both, attached, squares != NULL ? &shared : NULL);
+    NAME(gather)
+    (v, runs->ring_end, runs->end, near, attached, squares != NULL ? &squares[1] : NULL);
+    for (size_t k = 0; k < 9; ++k) {
+        ring[k] += both[k] + v->constants[PCI_SKIN_RING + entry[k]];
+        near[k] += both[k] + v->constants[PCI_SKIN_NEAR + entry[k]];
+        ring[k] *= v->constants[PCI_SKIN_RING + 6];
+        near[k] *= v->constants[PCI_SKIN_NEAR + 6];
+    }
+    if (squares != NULL) {
+        squares[0] += shared;
+        squares[1] += shared;
+    }
+}
+
+// Sum of squared residuals: sum |x|^2 - 2 tr((R - I)^T S).
+static inline __attribute__((always_inline)) VEC NAME(loss)(const VEC s[9], const VEC r[9],
+                                                            VEC squares, REAL scale) {
+    VEC sum = {0};
+    for (size_t k = 0; k < 9; ++k) {
+        sum += r[k] * s[k];
+    }
+    return squares - (scale > 0 ? (REAL)2 / scale : 0) * sum;
+}
+
+// Pulls both ends of some edges: t = `share` x - Q e + Kw a is added to `own` and taken from the
+// forces (from the lane on).
+static inline __attribute__((always_inline)) void NAME(pull)(const NAME(vertex) * v, uint32_t begin,
+                                                             uint32_t end, REAL share,
+                                                             const VEC q[9], const VEC *a,
+                                                             REAL *forces, VEC own[3]) {
+    const REAL *e = v->patch->vectors, *weights = v->patch->near_weights;
+    for (size_t k = begin; k < end; ++k) {
+        const size_t at = 3 * PCI_BLOCK * (size_t)v->patch->targets[k];
+        const REAL *uj = &v->displacements[at];
+        REAL *force = &forces[at];
+        const REAL ex = e[3 * k], ey = e[3 * k + 1], ez = e[3 * k + 2];
+        VEC t[3];
+        for (size_t c = 0; c < 3; ++c) {
+            t[c] = share * (v->u[c] - LOAD(uj + c * PCI_BLOCK)) -
+                   (q[3 * c] * ex + q[3 * c + 1] * ey + q[3 * c + 2] * ez);
+            if (a != NULL) {
+                t[c] += weights[k] * a[c];
+            }
+            own[c] += t[c];
+            STORE(force + c * PCI_BLOCK, LOAD(force + c * PCI_BLOCK) - t[c]);
+        }
+    }
+}
+
+// 1 / sqrt(x + LENGTH_TOLERANCE) to rounding: a guess from the bits, then Newton's method. Hardware
+// takes several times as long.
+static inline __attribute__((always_inline)) VEC NAME(inverse_root)(VEC x) {
+    x += (REAL)LENGTH_TOLERANCE;
+    VEC y = (VEC)((INTEGER)ROOT_BITS - ((MASK)x >> 1));
+    const VEC half = (REAL)0.5 * x;
+    for (int step = 0; step < ROOT_STEPS; ++step) {
+        y *= (REAL)1.5 - half * y * y;
+    }
+    return y;
+}
+
+// The same for L_s.
+static inline __attribute__((always_inline)) void NAME(stretch)(const NAME(vertex) * v, REAL share,
+                                                                REAL *forces, VEC own[3]) {
+    const REAL *e = v->patch->vectors, *lengths = v->patch->lengths;
+    for (size_t k = v->runs->upper; k < v->runs->upper_end; ++k) {
+        const size_t at = 3 * PCI_BLOCK * (size_t)v->patch->targets[k];
+        const REAL *uj = &v->displacements[at];
+        REAL *force = &forces[at];
+        const VEC x = e[3 * k] + (v->u[0] - LOAD(uj));
+        const VEC y = e[3 * k + 1] + (v->u[1] - LOAD(uj + PCI_BLOCK));
+        const VEC z = e[3 * k + 2] + (v->u[2] - LOAD(uj + 2 * PCI_BLOCK));
+        const VEC factor = share - share * lengths[k] * NAME(inverse_root)(x * x + y * y + z * z);
+        const VEC t[3] = {factor * x, factor * y, factor * z};
+        for (size_t c = 0; c < 3; ++c) {
+            own[c] += t[c];
+            STORE(force + c * PCI_BLOCK, LOAD(force + c * PCI_BLOCK) - t[c]);
+        }
     }
 }
 
@@ -206,351 +311,185 @@ static inline __attribute__((always_inline)) void NAME(count_reflections)(const 
     }
 }
 
-// On the first visit the rotations of the vertex before, if any, are a good guess.
-static inline __attribute__((always_inline)) void NAME(guess_rotation)(REAL *quaternion,
-                                                                       bool has_before) {
-    if (quaternion[0] == 0 && quaternion[PCI_BLOCK] == 0 && quaternion[2 * PCI_BLOCK] == 0 &&
-        quaternion[3 * PCI_BLOCK] == 0) {
-        for (size_t k = 0; k < 8; ++k) {
-            VEC guess = (VEC){0} + (REAL)(k % 4 == 0);
-            if (has_before) {
-                guess = LOAD(quaternion - 8 * PCI_BLOCK + k * PCI_BLOCK);
-            }
-            STORE(quaternion + k * PCI_BLOCK, guess);
-        }
-    }
-}
-
-// half of dL_s/du: 2 sum (1 - |e(0)| / |e(t)|) e(t) over the ring.
-static inline __attribute__((always_inline)) void NAME(stretch)(const pci_skin_edges *edges,
-                                                                const REAL *displacements, size_t v,
-                                                                size_t lane, VEC sum[3]) {
-    const REAL *e = edges->vectors, *lengths = edges->lengths;
-    const REAL *u = &displacements[3 * PCI_BLOCK * v + lane];
-    sum[0] = sum[1] = sum[2] = (VEC){0};
-    for (size_t k = edges->offsets[v]; k < edges->offsets[v + 1]; ++k) {
-        const REAL *uj = &displacements[3 * PCI_BLOCK * (size_t)edges->targets[k] + lane];
-        const VEC x = e[3 * k] + (LOAD(u) - LOAD(uj));
-        const VEC y = e[3 * k + 1] + (LOAD(u + PCI_BLOCK) - LOAD(uj + PCI_BLOCK));
-        const VEC z = e[3 * k + 2] + (LOAD(u + 2 * PCI_BLOCK) - LOAD(uj + 2 * PCI_BLOCK));
-        VEC length = x * x + y * y + z * z + (REAL)LENGTH_TOLERANCE;
-        for (size_t l = 0; l < LANES; ++l) {
-            length[l] = SQRT(length[l]);
-        }
-        const VEC factor = (REAL)2 - (REAL)2 * lengths[k] / length;
-        sum[0] += factor * x, sum[1] += factor * y, sum[2] += factor * z;
-    }
-}
-
-// The rotations of one term, out = sum e(t), and part += scale * (out - R sum e(0)).
 static inline __attribute__((always_inline)) void
-NAME(fit_term)(const pci_skin_data *data, const pci_skin_edges *edges, size_t v, size_t lane,
-               REAL scale, REAL *quaternion, REAL *rotation, VEC part[3], VEC out[3],
-               double *losses, uint64_t *reflections) {
-    const REAL *displacements = data->displacements;
-    const REAL *constant = (const REAL *)edges->constants + 13 * v;
-    VEC s[9], q[4], r[9];
-    NAME(covariance)(edges, displacements, v, lane, s, out);
-    for (size_t k = 0; k < 4; ++k) {
-        q[k] = LOAD(quaternion + k * PCI_BLOCK);
+NAME(add_sums)(const NAME(vertex) * v, size_t lane, const VEC ring[9], const VEC near[9],
+               const VEC ring_turn[9], const VEC near_turn[9], const VEC attached[3],
+               const VEC squares[2], pci_skin_sums *sums) {
+    const VEC losses[3] = {NAME(loss)(ring, ring_turn, squares[0], v->constants[PCI_SKIN_RING + 6]),
+                           NAME(loss)(near, near_turn, squares[1], v->constants[PCI_SKIN_NEAR + 6]),
+                           attached[0] * attached[0] + attached[1] * attached[1] +
+                               attached[2] * attached[2]};
+    for (size_t x = 0; x < 3; ++x) {
+        for (size_t l = 0; l < LANES; ++l) {
+            sums->losses[x][lane + l] += (double)losses[x][l];
+        }
     }
-    NAME(fit_rotation)(s, q, r);
-    for (size_t k = 0; k < 4; ++k) {
-        STORE(quaternion + k * PCI_BLOCK, q[k]);
-    }
+    NAME(count_reflections)(ring, &sums->reflections[lane]);
+}
+
+// Adds half of dE/du that the terms of one vertex cause, from its rotations.
+static inline __attribute__((always_inline)) void
+NAME(add_forces)(const NAME(vertex) * v, const double scale[4], const VEC ring_turn[9],
+                 const VEC near_turn[9], const VEC attached[3], REAL *forces, REAL *own_force) {
+    const pci_skin_runs *runs = v->runs;
+    const REAL rigid = (REAL)scale[0], collision = (REAL)scale[1];
+    VEC ring[9], near[9], both[9], a[3], own[3];
     for (size_t k = 0; k < 9; ++k) {
-        STORE(rotation + k * PCI_BLOCK, r[k]);
+        ring[k] = rigid * ring_turn[k];
+        near[k] = collision * near_turn[k];
+        both[k] = ring[k] + near[k];
     }
-    const REAL bx = constant[9], by = constant[10], bz = constant[11];
     for (size_t k = 0; k < 3; ++k) {
-        part[k] += scale * (out[k] - (r[3 * k] * bx + r[3 * k + 1] * by + r[3 * k + 2] * bz));
+        a[k] = (REAL)scale[2] * attached[k];
+        own[k] = LOAD(own_force + k * PCI_BLOCK);
     }
-    if (losses != NULL) {
-        const VEC loss = NAME(loss)(edges, displacements, v, lane, r);
-        for (size_t l = 0; l < LANES; ++l) {
-            losses[lane + l] += (double)loss[l];
-        }
+    NAME(pull)(v, runs->begin, runs->near, rigid, ring, NULL, forces, own);
+    NAME(pull)(v, runs->near, runs->ring_end, rigid + collision, both, a, forces, own);
+    NAME(pull)(v, runs->ring_end, runs->end, collision, near, a, forces, own);
+    if (scale[3] != 0.0) {
+        NAME(stretch)(v, (REAL)(2.0 * scale[3]), forces, own);
     }
-    if (reflections != NULL) {
-        NAME(count_reflections)(s, &reflections[lane]);
+    for (size_t k = 0; k < 3; ++k) {
+        STORE(own_force + k * PCI_BLOCK, own[k]);
     }
 }
 
-static void NAME(fit)(const pci_skin_data *data, size_t begin, size_t end, pci_skin_sums *sums) {
-    const REAL *displacements = data->displacements, *near_weights = data->near_weights;
-    const REAL *attachment_rest = data->attachment_rest;
-    REAL *quaternions = data->quaternions, *rotations = data->rotations;
-    REAL *residuals = data->residuals;
-    const REAL rigid = (REAL)data->scale[0], collision = (REAL)data->scale[1];
-    const REAL attachment = (REAL)data->scale[2], stretch = (REAL)data->scale[3];
-    for (size_t v = begin; v < end; ++v) {
+// Sums of four arrays over the lanes, by halves in a fixed tree.
+static inline __attribute__((always_inline)) void NAME(add_lanes)(const REAL *products, QUAD *sum) {
+    QUAD sums[4];
+    for (size_t k = 0; k < 4; ++k) {
+        const QUAD *p = (const QUAD *)(const void *)&products[k * PCI_BLOCK];
+        sums[k] = (p[0] + p[2]) + (p[1] + p[3]);
+    }
+    const QUAD low = __builtin_shufflevector(sums[0], sums[1], 0, 4, 1, 5);
+    const QUAD low_half = __builtin_shufflevector(sums[0], sums[1], 2, 6, 3, 7);
+    const QUAD high = __builtin_shufflevector(sums[2], sums[3], 0, 4, 1, 5);
+    const QUAD high_half = __builtin_shufflevector(sums[2], sums[3], 2, 6, 3, 7);
+    const QUAD first = low + low_half, second = high + high_half;
+    *sum = __builtin_shufflevector(first, second, 0, 1, 4, 5) +
+           __builtin_shufflevector(first, second, 2, 3, 6, 7);
+}
+
+// dL/dw_ij = sum over frames of dL/du . d_j.
+static inline __attribute__((always_inline)) void
+NAME(collect)(const pci_skin_data *data, const pci_skin_patch *patch, const REAL *driver,
+              const REAL *forces, REAL *gradient) {
+    REAL products[4 * PCI_BLOCK] __attribute__((aligned(64))) = {0};
+    for (size_t v = 0; v < patch->local_count; ++v) {
+        const uint32_t *bones = &data->bones[(size_t)patch->vertices[v] * data->slots];
+        const REAL *g = &forces[3 * PCI_BLOCK * v];
+        for (size_t first = 0; first < data->slots; first += 4) {
+            const size_t count = data->slots - first < 4 ? data->slots - first : 4;
+            for (size_t k = 0; k < count; ++k) {
+                const REAL *d = &driver[3 * PCI_BLOCK * (size_t)bones[first + k]];
+                for (size_t lane = 0; lane < PCI_BLOCK; lane += LANES) {
+                    STORE(&products[k * PCI_BLOCK + lane],
+                          LOAD(&g[lane]) * LOAD(d + lane) +
+                              LOAD(&g[PCI_BLOCK + lane]) * LOAD(d + PCI_BLOCK + lane) +
+                              LOAD(&g[2 * PCI_BLOCK + lane]) * LOAD(d + 2 * PCI_BLOCK + lane));
+                }
+            }
+            QUAD sums;
+            NAME(add_lanes)(products, &sums);
+            for (size_t k = 0; k < count; ++k) {
+                gradient[v * data->slots + first + k] += (REAL)2 * sums[k];
+            }
+        }
+    }
+}
+
+// Product of a and b, or of a and the inverse of b.
+static inline __attribute__((always_inline)) void NAME(multiply)(const VEC a[4], const VEC b[4],
+                                                                 bool inverse, VEC out[4]) {
+    const REAL sign = inverse ? (REAL)-1 : (REAL)1;
+    const VEC x = sign * b[1], y = sign * b[2], z = sign * b[3];
+    out[0] = a[0] * b[0] - a[1] * x - a[2] * y - a[3] * z;
+    out[1] = a[0] * x + a[1] * b[0] + a[2] * z - a[3] * y;
+    out[2] = a[0] * y + a[2] * b[0] + a[3] * x - a[1] * z;
+    out[3] = a[0] * z + a[3] * b[0] + a[1] * y - a[2] * x;
+}
+
+// First guess of a rotation: that of the block before, turned as the vertex before has turned since
+// then; or that of the vertex before.
+static inline __attribute__((always_inline)) void
+NAME(guess)(const REAL *quaternion, bool has_block, bool has_vertex, const REAL *turned, VEC q[4]) {
+    VEC last[4], turn[4];
+    for (size_t k = 0; k < 4; ++k) {
+        last[k] = turn[k] = (VEC){0} + (REAL)(k == 0);
+        if (has_block) {
+            last[k] = LOAD(quaternion + k * PCI_BLOCK);
+        } else if (has_vertex) {
+            last[k] = LOAD(quaternion + k * PCI_BLOCK - 4 * PCI_BLOCK);
+        }
+        if (has_block && has_vertex) {
+            turn[k] = LOAD(turned + k * PCI_BLOCK);
+        }
+    }
+    NAME(multiply)(turn, last, false, q);
+}
+
+static inline __attribute__((always_inline)) void NAME(keep)(const VEC q[4], const REAL *quaternion,
+                                                             REAL *turned) {
+    VEC last[4], turn[4];
+    for (size_t k = 0; k < 4; ++k) {
+        last[k] = LOAD(quaternion + k * PCI_BLOCK);
+    }
+    NAME(multiply)(q, last, true, turn);
+    for (size_t k = 0; k < 4; ++k) {
+        STORE(turned + k * PCI_BLOCK, turn[k]);
+    }
+}
+
+static void NAME(evaluate)(const pci_skin_data *data, const pci_skin_patch *patch,
+                           const void *driver, const pci_skin_buffers *buffers, bool first,
+                           pci_skin_sums *sums, void *gradient) {
+    REAL *displacements = buffers->displacements, *forces = buffers->forces;
+    REAL *quaternions = buffers->quaternions;
+    REAL turned[4 * PCI_BLOCK] __attribute__((aligned(64))); // since the block before
+    NAME(displace)(data, patch, driver, displacements);
+    if (gradient != NULL) {
+        memset(forces, 0, 3 * PCI_BLOCK * patch->local_count * sizeof(*forces));
+    }
+    for (size_t i = 0; i < patch->own_count; ++i) {
         for (size_t lane = 0; lane < PCI_BLOCK; lane += LANES) {
-            REAL *quaternion = &quaternions[8 * PCI_BLOCK * v + lane];
-            REAL *rotation = &rotations[18 * PCI_BLOCK * v + lane];
-            REAL *residual = &residuals[6 * PCI_BLOCK * v + lane];
-            NAME(guess_rotation)(quaternion, v > begin);
-            // Attachment: a(t) = a(0) + u_i - sum Kw_ij u_j.
-            const REAL *u = &displacements[3 * PCI_BLOCK * v + lane];
-            VEC a[3], part[3] = {{0}, {0}, {0}};
+            NAME(vertex)
+            v = {.patch = patch,
+                 .runs = &patch->runs[i],
+                 .constants = (const REAL *)patch->constants + PCI_SKIN_CONSTANTS * i,
+                 .displacements = &displacements[lane]};
+            VEC ring[9], near[9], attached[3], squares[2], q[4], ring_turn[9], near_turn[9];
             for (size_t k = 0; k < 3; ++k) {
-                a[k] = attachment_rest[3 * v + k] + LOAD(u + k * PCI_BLOCK);
+                v.u[k] = LOAD(&displacements[(3 * i + k) * PCI_BLOCK + lane]);
             }
-            for (size_t e = data->near.offsets[v]; e < data->near.offsets[v + 1]; ++e) {
-                const REAL *uj =
-                    &displacements[3 * PCI_BLOCK * (size_t)data->near.targets[e] + lane];
-                a[0] -= near_weights[e] * LOAD(uj);
-                a[1] -= near_weights[e] * LOAD(uj + PCI_BLOCK);
-                a[2] -= near_weights[e] * LOAD(uj + 2 * PCI_BLOCK);
+            NAME(gather_all)(&v, ring, near, attached, sums != NULL ? squares : NULL);
+            REAL *quaternion = &quaternions[4 * PCI_BLOCK * i + lane];
+            NAME(guess)(quaternion, !first, i > 0, &turned[lane], q);
+            NAME(fit_rotation)(ring, q, ring_turn);
+            NAME(keep)(q, quaternion, &turned[lane]);
+            for (size_t k = 0; k < 4; ++k) {
+                STORE(quaternion + k * PCI_BLOCK, q[k]);
             }
-            VEC ring[3], near[3];
-            NAME(fit_term)
-            (data, &data->ring, v, lane, rigid, quaternion, rotation, part, ring,
-             sums != NULL ? sums->rigid : NULL, sums != NULL ? sums->reflections : NULL);
-            NAME(fit_term)
-            (data, &data->near, v, lane, collision, quaternion + 4 * PCI_BLOCK,
-             rotation + 9 * PCI_BLOCK, part, near, sums != NULL ? sums->collision : NULL, NULL);
-            // The edges j -> i add their e(t) too; in the ring those are the same edges.
-            const REAL *incoming_vectors = data->incoming_vectors;
-            VEC incoming[3] = {{0}, {0}, {0}};
-            for (size_t e = data->incoming_offsets[v]; e < data->incoming_offsets[v + 1]; ++e) {
-                const REAL *uj = &displacements[3 * PCI_BLOCK * (size_t)data->incoming[e] + lane];
-                for (size_t k = 0; k < 3; ++k) {
-                    incoming[k] += incoming_vectors[3 * e + k] +
-                                   (LOAD(u + k * PCI_BLOCK) - LOAD(uj + k * PCI_BLOCK));
-                }
-            }
-            if (stretch != 0) {
-                VEC stretched[3];
-                NAME(stretch)(&data->ring, displacements, v, lane, stretched);
-                for (size_t k = 0; k < 3; ++k) {
-                    part[k] += stretch * stretched[k];
-                }
-            }
-            for (size_t k = 0; k < 3; ++k) {
-                part[k] += rigid * ring[k] + collision * incoming[k] + attachment * a[k];
-                STORE(residual + k * PCI_BLOCK, a[k]);
-                STORE(residual + (3 + k) * PCI_BLOCK, part[k]);
-            }
+            NAME(fit_rotation)(near, q, near_turn);
             if (sums != NULL) {
-                const VEC loss = a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
-                for (size_t l = 0; l < LANES; ++l) {
-                    sums->attachment[lane + l] += (double)loss[l];
-                }
+                NAME(add_sums)
+                (&v, lane, ring, near, ring_turn, near_turn, attached, squares, sums);
+            }
+            if (gradient != NULL) {
+                NAME(add_forces)
+                (&v, data->scale, ring_turn, near_turn, attached, &forces[lane],
+                 &forces[3 * PCI_BLOCK * i + lane]);
             }
         }
     }
-}
-
-// S = sum e(t) e(0)^T of one vertex, scaled.
-static inline __attribute__((always_inline)) void
-NAME(rotation_of)(const pci_skin_edges *edges, const REAL *displacements, size_t v, size_t lane,
-                  REAL *quaternion, VEC r[9], uint64_t *reflections) {
-    VEC s[9], q[4], out[3];
-    NAME(covariance)(edges, displacements, v, lane, s, out);
-    for (size_t k = 0; k < 4; ++k) {
-        q[k] = LOAD(quaternion + k * PCI_BLOCK);
-    }
-    NAME(fit_rotation)(s, q, r);
-    for (size_t k = 0; k < 4; ++k) {
-        STORE(quaternion + k * PCI_BLOCK, q[k]);
-    }
-    if (reflections != NULL) {
-        NAME(count_reflections)(s, &reflections[lane]);
+    if (gradient != NULL) {
+        NAME(collect)(data, patch, driver, forces, gradient);
     }
 }
 
-// Half of dE/du of one term: s r_ij is added to `own` and taken from the force of j; with `stretch`
-// also what L_s adds at i. Returns the sum of the squared residuals.
-static inline __attribute__((always_inline)) VEC
-NAME(scatter_term)(const pci_skin_edges *edges, const REAL *displacements, size_t v, size_t lane,
-                   const VEC r[9], REAL scale, REAL stretch, REAL *forces, VEC own[3]) {
-    const REAL *vectors = edges->vectors, *lengths = edges->lengths;
-    const REAL *u = &displacements[3 * PCI_BLOCK * v + lane];
-    const VEC ux = LOAD(u), uy = LOAD(u + PCI_BLOCK), uz = LOAD(u + 2 * PCI_BLOCK);
-    VEC sum[3] = {{0}, {0}, {0}}, stretched[3] = {{0}, {0}, {0}}, loss = {0};
-    for (size_t k = edges->offsets[v]; k < edges->offsets[v + 1]; ++k) {
-        const size_t at = 3 * PCI_BLOCK * (size_t)edges->targets[k] + lane;
-        const REAL *uj = &displacements[at];
-        REAL *force = &forces[at];
-        const REAL ex = vectors[3 * k], ey = vectors[3 * k + 1], ez = vectors[3 * k + 2];
-        const VEC x = ex + (ux - LOAD(uj)), y = ey + (uy - LOAD(uj + PCI_BLOCK));
-        const VEC z = ez + (uz - LOAD(uj + 2 * PCI_BLOCK));
-        const VEC rx = x - (r[0] * ex + r[1] * ey + r[2] * ez);
-        const VEC ry = y - (r[3] * ex + r[4] * ey + r[5] * ez);
-        const VEC rz = z - (r[6] * ex + r[7] * ey + r[8] * ez);
-        loss += rx * rx + ry * ry + rz * rz;
-        sum[0] += rx, sum[1] += ry, sum[2] += rz;
-        STORE(force, LOAD(force) - scale * rx);
-        STORE(force + PCI_BLOCK, LOAD(force + PCI_BLOCK) - scale * ry);
-        STORE(force + 2 * PCI_BLOCK, LOAD(force + 2 * PCI_BLOCK) - scale * rz);
-        if (stretch != 0) {
-            VEC length = x * x + y * y + z * z + (REAL)LENGTH_TOLERANCE;
-            for (size_t l = 0; l < LANES; ++l) {
-                length[l] = SQRT(length[l]);
-            }
-            const VEC factor = (REAL)2 - (REAL)2 * lengths[k] / length;
-            stretched[0] += factor * x, stretched[1] += factor * y, stretched[2] += factor * z;
-        }
-    }
-    for (size_t k = 0; k < 3; ++k) {
-        own[k] += scale * sum[k] + stretch * stretched[k];
-    }
-    return loss;
-}
-
-// Half of dE/du of L_a: a_i is added at i, Kw_ij a_i taken from j. Returns a_i^2.
-static inline __attribute__((always_inline)) VEC
-NAME(scatter_attachment)(const pci_skin_data *data, size_t v, size_t lane, VEC own[3]) {
-    const REAL *displacements = data->displacements, *weights = data->near_weights;
-    const REAL *rest = data->attachment_rest;
-    const REAL *u = &displacements[3 * PCI_BLOCK * v + lane];
-    const REAL scale = (REAL)data->scale[2];
-    REAL *forces = data->forces;
-    VEC a[3];
-    for (size_t k = 0; k < 3; ++k) {
-        a[k] = rest[3 * v + k] + LOAD(u + k * PCI_BLOCK);
-    }
-    for (size_t e = data->near.offsets[v]; e < data->near.offsets[v + 1]; ++e) {
-        const REAL *uj = &displacements[3 * PCI_BLOCK * (size_t)data->near.targets[e] + lane];
-        for (size_t k = 0; k < 3; ++k) {
-            a[k] -= weights[e] * LOAD(uj + k * PCI_BLOCK);
-        }
-    }
-    for (size_t e = data->near.offsets[v]; e < data->near.offsets[v + 1]; ++e) {
-        REAL *force = &forces[3 * PCI_BLOCK * (size_t)data->near.targets[e] + lane];
-        const REAL share = scale * weights[e];
-        for (size_t k = 0; k < 3; ++k) {
-            STORE(force + k * PCI_BLOCK, LOAD(force + k * PCI_BLOCK) - share * a[k]);
-        }
-    }
-    for (size_t k = 0; k < 3; ++k) {
-        own[k] += scale * a[k];
-    }
-    return a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
-}
-
-static void NAME(scatter)(const pci_skin_data *data, size_t vertex_count, pci_skin_sums *sums) {
-    const REAL *displacements = data->displacements;
-    REAL *quaternions = data->quaternions, *forces = data->forces;
-    for (size_t v = 0; v < vertex_count; ++v) {
-        for (size_t lane = 0; lane < PCI_BLOCK; lane += LANES) {
-            REAL *quaternion = &quaternions[8 * PCI_BLOCK * v + lane];
-            NAME(guess_rotation)(quaternion, v > 0);
-            VEC r[9], own[3] = {{0}, {0}, {0}};
-            NAME(rotation_of)
-            (&data->ring, displacements, v, lane, quaternion, r,
-             sums != NULL ? sums->reflections : NULL);
-            const VEC rigid =
-                NAME(scatter_term)(&data->ring, displacements, v, lane, r, (REAL)data->scale[0],
-                                   (REAL)data->scale[3], forces, own);
-            NAME(rotation_of)
-            (&data->near, displacements, v, lane, quaternion + 4 * PCI_BLOCK, r, NULL);
-            const VEC collision = NAME(scatter_term)(&data->near, displacements, v, lane, r,
-                                                     (REAL)data->scale[1], (REAL)0, forces, own);
-            const VEC attachment = NAME(scatter_attachment)(data, v, lane, own);
-            REAL *force = &forces[3 * PCI_BLOCK * v + lane];
-            for (size_t k = 0; k < 3; ++k) {
-                STORE(force + k * PCI_BLOCK, LOAD(force + k * PCI_BLOCK) + own[k]);
-            }
-            for (size_t l = 0; l < LANES && sums != NULL; ++l) {
-                sums->rigid[lane + l] += (double)rigid[l];
-                sums->collision[lane + l] += (double)collision[l];
-                sums->attachment[lane + l] += (double)attachment[l];
-            }
-        }
-    }
-}
-
-// dL/dw_ij = sum over frames of dL/du . d_j, added up by halves in a fixed tree.
-static inline __attribute__((always_inline)) void NAME(add_row)(const pci_skin_data *data, size_t v,
-                                                                const REAL *g) {
-    const REAL *driver = data->driver;
-    REAL *gradient = data->gradient;
-    for (size_t k = 0; k < data->slots; ++k) {
-        const size_t bone = data->bones[v * data->slots + k];
-        const REAL *d = &driver[3 * PCI_BLOCK * bone];
-        REAL products[PCI_BLOCK] __attribute__((aligned(64)));
-        for (size_t lane = 0; lane < PCI_BLOCK; lane += LANES) {
-            STORE(&products[lane],
-                  LOAD(&g[lane]) * LOAD(d + lane) +
-                      LOAD(&g[PCI_BLOCK + lane]) * LOAD(d + PCI_BLOCK + lane) +
-                      LOAD(&g[2 * PCI_BLOCK + lane]) * LOAD(d + 2 * PCI_BLOCK + lane));
-        }
-        for (size_t width = PCI_BLOCK / 2; width > 0; width /= 2) {
-            for (size_t l = 0; l < width; ++l) {
-                products[l] += products[l + width];
-            }
-        }
-        gradient[v * data->slots + k] += (REAL)2 * products[0];
-    }
-}
-
-static void NAME(collect)(const pci_skin_data *data, size_t begin, size_t end) {
-    const REAL *forces = data->forces;
-    for (size_t v = begin; v < end; ++v) {
-        NAME(add_row)(data, v, &forces[3 * PCI_BLOCK * v]);
-    }
-}
-
-// sum_j R_j e_ij over a list of edges.
-static inline __attribute__((always_inline)) void
-NAME(gather_rotated)(const uint32_t *targets, const REAL *vectors, size_t begin, size_t end,
-                     const REAL *rotations, VEC sum[3]) {
-    sum[0] = sum[1] = sum[2] = (VEC){0};
-    for (size_t e = begin; e < end; ++e) {
-        const REAL *r = &rotations[18 * PCI_BLOCK * (size_t)targets[e]];
-        const REAL ex = vectors[3 * e], ey = vectors[3 * e + 1], ez = vectors[3 * e + 2];
-        for (size_t k = 0; k < 3; ++k) {
-            sum[k] += LOAD(r + 3 * k * PCI_BLOCK) * ex + LOAD(r + (3 * k + 1) * PCI_BLOCK) * ey +
-                      LOAD(r + (3 * k + 2) * PCI_BLOCK) * ez;
-        }
-    }
-}
-
-static void NAME(gradient)(const pci_skin_data *data, size_t begin, size_t end) {
-    const REAL *rotations = data->rotations, *residuals = data->residuals;
-    const REAL *incoming_weights = data->incoming_weights;
-    const REAL *incoming_vectors = data->incoming_vectors;
-    const REAL rigid = (REAL)data->scale[0], collision = (REAL)data->scale[1];
-    const REAL attachment = (REAL)data->scale[2];
-    for (size_t v = begin; v < end; ++v) {
-        // dL/du, half of it, for the whole block.
-        REAL g[3][PCI_BLOCK] __attribute__((aligned(64)));
-        const size_t ring_begin = data->ring.offsets[v], ring_end = data->ring.offsets[v + 1];
-        const size_t in_begin = data->incoming_offsets[v], in_end = data->incoming_offsets[v + 1];
-        for (size_t lane = 0; lane < PCI_BLOCK; lane += LANES) {
-            VEC ring[3], near[3], attached[3] = {{0}, {0}, {0}};
-            NAME(gather_rotated)
-            (data->ring.targets, data->ring.vectors, ring_begin, ring_end, rotations + lane, ring);
-            NAME(gather_rotated)
-            (data->incoming, incoming_vectors, in_begin, in_end, rotations + 9 * PCI_BLOCK + lane,
-             near);
-            for (size_t e = in_begin; e < in_end; ++e) {
-                const REAL *a = &residuals[6 * PCI_BLOCK * (size_t)data->incoming[e] + lane];
-                for (size_t k = 0; k < 3; ++k) {
-                    attached[k] += incoming_weights[e] * LOAD(a + k * PCI_BLOCK);
-                }
-            }
-            const REAL *part = &residuals[(6 * v + 3) * PCI_BLOCK + lane];
-            for (size_t k = 0; k < 3; ++k) {
-                STORE(&g[k][lane], LOAD(part + k * PCI_BLOCK) - rigid * ring[k] -
-                                       collision * near[k] - attachment * attached[k]);
-            }
-        }
-        NAME(add_row)(data, v, &g[0][0]);
-    }
-}
-
-const pci_skin_kernel NAME(pci_skin) = {
-    .real_size = sizeof(REAL),
-    .displace = NAME(displace),
-    .fit = NAME(fit),
-    .gradient = NAME(gradient),
-    .scatter = NAME(scatter),
-    .collect = NAME(collect),
-};
+const pci_skin_kernel NAME(pci_skin) = {.real_size = sizeof(REAL), .evaluate = NAME(evaluate)};
 
 #undef VEC
+#undef QUAD
 #undef MASK
 #undef LOAD
 #undef STORE
@@ -558,8 +497,10 @@ const pci_skin_kernel NAME(pci_skin) = {
 #undef REAL
 #undef INTEGER
 #undef LANES
+#undef ANY
 #undef NAME
-#undef SQRT
+#undef ROOT_BITS
+#undef ROOT_STEPS
 #undef LENGTH_TOLERANCE
 #undef STEP_TOLERANCE
 #undef CURVATURE_TOLERANCE

@@ -1,20 +1,26 @@
+#include <immintrin.h>
+
 #include "stages/skin_kernel.h"
 
 #define REAL                float
 #define INTEGER             int32_t
 #define LANES               8
+#define ANY(mask)           (!_mm256_testz_si256((__m256i)(mask), (__m256i)(mask)))
 #define NAME(x)             x##_avx2_float
-#define SQRT                sqrtf
+#define ROOT_BITS           0x5f375a86
+#define ROOT_STEPS          3
 #define LENGTH_TOLERANCE    1e-20
-#define STEP_TOLERANCE      1e-6
+#define STEP_TOLERANCE      1e-5
 #define CURVATURE_TOLERANCE 1e-5
 #include "stages/skin_kernel.inl"
 
 #define REAL                double
 #define INTEGER             int64_t
 #define LANES               4
+#define ANY(mask)           (!_mm256_testz_si256((__m256i)(mask), (__m256i)(mask)))
 #define NAME(x)             x##_avx2_double
-#define SQRT                sqrt
+#define ROOT_BITS           0x5fe6eb50c7b537a9
+#define ROOT_STEPS          4
 #define LENGTH_TOLERANCE    1e-40
 #define STEP_TOLERANCE      1e-18
 #define CURVATURE_TOLERANCE 1e-13

@@ -1,20 +1,30 @@
 #include "stages/skin_kernel.h"
 
+static inline bool any_bit(const void *mask) {
+    uint64_t words[2];
+    memcpy(words, mask, sizeof(words));
+    return (words[0] | words[1]) != 0;
+}
+
 #define REAL                float
 #define INTEGER             int32_t
 #define LANES               4
+#define ANY(mask)           any_bit(&(mask))
 #define NAME(x)             x##_generic_float
-#define SQRT                sqrtf
+#define ROOT_BITS           0x5f375a86
+#define ROOT_STEPS          3
 #define LENGTH_TOLERANCE    1e-20
-#define STEP_TOLERANCE      1e-6
+#define STEP_TOLERANCE      1e-5
 #define CURVATURE_TOLERANCE 1e-5
 #include "stages/skin_kernel.inl"
 
 #define REAL                double
 #define INTEGER             int64_t
 #define LANES               2
+#define ANY(mask)           any_bit(&(mask))
 #define NAME(x)             x##_generic_double
-#define SQRT                sqrt
+#define ROOT_BITS           0x5fe6eb50c7b537a9
+#define ROOT_STEPS          4
 #define LENGTH_TOLERANCE    1e-40
 #define STEP_TOLERANCE      1e-18
 #define CURVATURE_TOLERANCE 1e-13

@@ -1,4 +1,5 @@
 #include "core/knn.h"
+#include "core/locality.h"
 #include "core/topology.h"
 #include "stages/skin_internal.h"
 
@@ -32,13 +33,16 @@ bool pci_skin_problem_build(pci_scratch *scratch, const pc_mesh *surface, uint32
     const size_t k = problem->near_count;
     pci_topology topology;
     pci_knn knn;
+    uint32_t *order = NULL;
     uint32_t *near = PCI_SCRATCH(scratch, uint32_t, k * nv);
     double *distances = PCI_SCRATCH(scratch, double, k *nv);
     double *weights = PCI_SCRATCH(scratch, double, k *nv);
     if (scratch->failed || !pci_topology_build(scratch, surface, &topology) ||
-        !pci_knn_build(scratch, nv, surface->positions, &knn)) {
+        !pci_knn_build(scratch, nv, surface->positions, &knn) ||
+        !pci_sort_points(scratch, nv, surface->positions, &order)) {
         return false;
     }
+    problem->order = order;
     near_job job = {.knn = &knn, .problem = problem, .near = near, .distances = distances};
     pci_parallel_for(scratch->context, nv, 256, find_near, &job);
     problem->ring_offsets = topology.ring_offsets;

@@ -1,7 +1,6 @@
 #include "stages/skin_quadratic.h"
 
 #include <float.h>
-#include <stdlib.h>
 
 #include "stages/skin_frames.h"
 #include "stages/skin_simplex.h"
@@ -123,60 +122,16 @@ static bool build_matrix(pci_scratch *scratch, const pci_skin_problem *p, const 
 
 // ---- groups and colours -------------------------------------------------------------------------
 
-// Interleaves the bits of three numbers below 2^21.
-static uint64_t spread_bits(uint64_t x) {
-    x = (x | x << 32) & 0x1f00000000ffffu;
-    x = (x | x << 16) & 0x1f0000ff0000ffu;
-    x = (x | x << 8) & 0x100f00f00f00f00fu;
-    x = (x | x << 4) & 0x10c30c30c30c30c3u;
-    return (x | x << 2) & 0x1249249249249249u;
-}
-
-typedef struct sorted_vertex {
-    uint64_t code;
-    uint32_t vertex;
-} sorted_vertex;
-
-static int compare_vertex(const void *left, const void *right) {
-    const sorted_vertex *a = left, *b = right;
-    if (a->code != b->code) {
-        return a->code < b->code ? -1 : 1;
-    }
-    return (a->vertex > b->vertex) - (a->vertex < b->vertex);
-}
-
-// Vertices along the Z-order curve, cut into groups.
+// Vertices that are close in space, in groups.
 static bool build_groups(pci_scratch *scratch, const pci_skin_problem *p, pci_skin_quadratic *q) {
     const size_t nv = p->vertex_count;
     q->group_count = (uint32_t)((nv + GROUP - 1) / GROUP);
-    sorted_vertex *sorted = PCI_SCRATCH(scratch, sorted_vertex, nv);
-    q->members = PCI_SCRATCH(scratch, uint32_t, nv);
+    q->members = p->order;
     q->group_offsets = PCI_SCRATCH(scratch, uint32_t, (size_t)q->group_count + 1);
-    if (scratch->failed) {
-        return false;
-    }
-    double low[3] = {INFINITY, INFINITY, INFINITY}, extent = 0.0;
-    for (size_t k = 0; k < 3 * nv; ++k) {
-        low[k % 3] = p->rest[k] < low[k % 3] ? p->rest[k] : low[k % 3];
-    }
-    for (size_t k = 0; k < 3 * nv; ++k) {
-        extent = p->rest[k] - low[k % 3] > extent ? p->rest[k] - low[k % 3] : extent;
-    }
-    for (size_t v = 0; v < nv; ++v) {
-        sorted[v].vertex = (uint32_t)v;
-        for (size_t c = 0; c < 3; ++c) {
-            const double x = extent > 0.0 ? (p->rest[3 * v + c] - low[c]) / extent : 0.0;
-            sorted[v].code |= spread_bits((uint64_t)(x * 2097151.0)) << c;
-        }
-    }
-    qsort(sorted, nv, sizeof(*sorted), compare_vertex);
-    for (size_t v = 0; v < nv; ++v) {
-        q->members[v] = sorted[v].vertex;
-    }
-    for (size_t g = 0; g < q->group_count; ++g) {
+    for (size_t g = 0; g < q->group_count && q->group_offsets != NULL; ++g) {
         q->group_offsets[g + 1] = (uint32_t)(nv - g * GROUP < GROUP ? nv : (g + 1) * GROUP);
     }
-    return true;
+    return !scratch->failed;
 }
 
 // Each group takes the first colour that no group it shares an entry of M with has.

@@ -22,7 +22,7 @@ typedef struct pci_skin_quadratic {
     // Vertices in groups; groups of one colour share no entry of M.
     uint32_t group_count, colour_count;
     uint32_t *group_offsets;  // #groups + 1, into members
-    uint32_t *members;        // #V
+    const uint32_t *members;  // #V
     uint32_t *colour_offsets; // #colours + 1, into groups
     uint32_t *groups;         // #groups, by colour
     double *accumulators;     // #threads by #P

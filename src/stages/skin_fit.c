@@ -11,7 +11,9 @@ enum { PHASES = 3, FOLLOWED_INFLUENCES = 8 };
 static const double phase_ends[PHASES] = {0.4, 0.6, 1.0}; // shares of the epochs or rounds
 static const double rigid_share = 0.7; // more of its L_r left: L_c gets less weight
 
-static const double held_share = 1e-6; // barycentric coordinates below count as 0
+static const double held_share = 1e-6;      // barycentric coordinates below count as 0
+static const double following_factor = 2.0; // of lambda_follow, where the garment moves too little
+enum { MOTION_STRIDE = 8 }; // frames from one in which motion is measured to the next
 
 static void phase_widths(const pci_skin_fit *f, uint32_t widths[PHASES]) {
     const uint32_t slots = f->problem.slots, influences = f->options->influences;
@@ -64,9 +66,8 @@ static pc_status cut(pci_scratch *scratch, pci_skin_fit *f, uint32_t kept) {
 }
 
 // Losses per norm and frame; returns their weighted sum.
-static double normalize_losses(const pci_skin_fit *f, const pci_skin_measures *measures,
-                               double losses[3]) {
-    const pci_skin_problem *p = &f->problem;
+static double normalize_losses(const pci_skin_fit *f, const pci_skin_problem *p,
+                               const pci_skin_measures *measures, double losses[3]) {
     const double lambda[3] = {f->options->lambda_rigid, f->options->lambda_collision,
                               f->options->lambda_attachment};
     double total = 0.0;
@@ -78,9 +79,8 @@ static double normalize_losses(const pci_skin_fit *f, const pci_skin_measures *m
     return total;
 }
 
-static pc_status measure(pci_scratch *scratch, const pci_skin_fit *f, double losses[3],
-                         double *total, uint64_t *reflections) {
-    const pci_skin_problem *p = &f->problem;
+static pc_status measure(pci_scratch *scratch, const pci_skin_fit *f, const pci_skin_problem *p,
+                         double losses[3], double *total, uint64_t *reflections) {
     double *weights = PCI_SCRATCH(scratch, double, p->vertex_count * p->slots);
     if (weights == NULL) {
         return pci_fail_memory(f->context, stage);
@@ -91,24 +91,41 @@ static pc_status measure(pci_scratch *scratch, const pci_skin_fit *f, double los
     pci_skin_measures measures;
     const pc_status status =
         pci_skin_measure(f->context, p, pci_skin_kernel_float(), weights, &measures, NULL);
-    *total = normalize_losses(f, &measures, losses);
+    *total = normalize_losses(f, p, &measures, losses);
     *reflections = measures.reflections;
     return status;
+}
+
+// The problem with the paper's losses, which the report gives.
+static pci_skin_problem paper_problem(const pci_skin_fit *f) {
+    pci_skin_problem paper = f->problem;
+    paper.typical = 0.0;
+    memcpy(paper.norms, f->paper_norms, sizeof(paper.norms));
+    return paper;
 }
 
 static pc_status measure_before(pci_scratch *scratch, const pci_skin_fit *f, pc_skin_report *r) {
     double losses[3];
     uint64_t reflections;
-    const pc_status status = measure(scratch, f, losses, &r->loss_before, &reflections);
+    const pci_skin_problem paper = paper_problem(f);
+    const pc_status status = measure(scratch, f, &paper, losses, &r->loss_before, &reflections);
     r->rigid_before = losses[0];
     r->collision_before = losses[1];
     r->attachment_before = losses[2];
     return status;
 }
 
+static pc_status measure_full(pci_scratch *scratch, const pci_skin_fit *f, pc_skin_report *r) {
+    double losses[3];
+    uint64_t reflections;
+    const pci_skin_problem paper = paper_problem(f);
+    return measure(scratch, f, &paper, losses, &r->full_loss, &reflections);
+}
+
 static pc_status measure_after(pci_scratch *scratch, const pci_skin_fit *f, pc_skin_report *r) {
     double losses[3];
-    const pc_status status = measure(scratch, f, losses, &r->loss_after, &r->reflections);
+    const pci_skin_problem paper = paper_problem(f);
+    const pc_status status = measure(scratch, f, &paper, losses, &r->loss_after, &r->reflections);
     r->rigid_after = losses[0];
     r->collision_after = losses[1];
     r->attachment_after = losses[2];
@@ -117,17 +134,20 @@ static pc_status measure_after(pci_scratch *scratch, const pci_skin_fit *f, pc_s
 
 // Layers that the proxy moves through each other cannot be held together by weights; they must not
 // cost the shape of each layer. So L_c weighs no more than L_r at first, ...
-static bool balance(pci_skin_fit *f, const pc_skin_report *r) {
-    const bool balanced = f->options->lambda_rigid > 0.0 && r->rigid_before > 0.0;
-    if (balanced && r->collision_before > r->rigid_before) {
-        f->spatial_share = r->rigid_before / r->collision_before;
+static pc_status balance(pci_scratch *scratch, pci_skin_fit *f) {
+    double losses[3] = {0.0}, total;
+    uint64_t reflections;
+    const pc_status status = measure(scratch, f, &f->problem, losses, &total, &reflections);
+    f->rigid_before = f->options->lambda_rigid > 0.0 ? losses[0] : 0.0;
+    if (f->rigid_before > 0.0 && losses[1] > f->rigid_before) {
+        f->spatial_share = f->rigid_before / losses[1];
     }
-    return balanced;
+    return status;
 }
 
 // ... and less where L_r does not fall. True when that changed.
-static bool rebalance(pci_skin_fit *f, const pc_skin_report *r, double rigid) {
-    if (rigid <= rigid_share * r->rigid_before) {
+static bool rebalance(pci_skin_fit *f, double rigid) {
+    if (f->rigid_before == 0.0 || rigid <= rigid_share * f->rigid_before) {
         return false;
     }
     f->spatial_share *= 0.25;
@@ -161,7 +181,9 @@ pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *f, pc_skin_repo
     uint32_t widths[PHASES];
     phase_widths(f, widths);
     pc_status status = measure_before(scratch, f, r);
-    const bool balanced = balance(f, r);
+    if (status == PC_OK) {
+        status = balance(scratch, f);
+    }
     for (size_t phase = 0; phase < PHASES && status == PC_OK; ++phase) {
         if (widths[phase] < f->problem.slots) {
             status = cut(scratch, f, widths[phase]);
@@ -172,11 +194,9 @@ pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *f, pc_skin_repo
         if (status == PC_OK && phase + 1 < PHASES) {
             double losses[3] = {0.0}, total = 0.0;
             uint64_t reflections = 0;
-            status = measure(scratch, f, losses, &total, &reflections);
+            status = measure(scratch, f, &f->problem, losses, &total, &reflections);
             r->full_loss = phase == 0 ? total : r->full_loss;
-            if (balanced) {
-                (void)rebalance(f, r, losses[0]);
-            }
+            (void)rebalance(f, losses[0]);
         }
     }
     r->spatial_share = f->spatial_share;
@@ -185,50 +205,99 @@ pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *f, pc_skin_repo
 
 // ---- alternation --------------------------------------------------------------------------------
 
-// A vertex whose closest point is held may only follow held vertices.
+// A vertex whose closest point is held follows that point and nothing else.
 static void hold_pinned(const pci_skin_fit *f, uint32_t *allowed) {
     const uint32_t slots = f->problem.slots;
     for (size_t v = 0; v < f->problem.vertex_count && f->pinned != NULL; ++v) {
         const pci_closest *closest = &f->closest[v];
-        bool held = true, possible = false;
+        const uint32_t *corners = &f->proxy->triangles[3 * (size_t)closest->triangle];
+        bool held = true;
         for (size_t c = 0; c < 3; ++c) {
-            const uint32_t corner = f->proxy->triangles[3 * (size_t)closest->triangle + c];
-            held = held && (closest->barycentric[c] < held_share || f->pinned[corner]);
+            held = held && (closest->barycentric[c] < held_share || f->pinned[corners[c]]);
         }
-        for (uint32_t k = 0; k < slots; ++k) {
-            possible = possible || f->pinned[f->bones[v * slots + k]];
-        }
-        held = held && possible;
         for (uint32_t k = 0; k < slots && held; ++k) {
-            if (!f->pinned[f->bones[v * slots + k]]) {
-                allowed[v] &= ~((uint32_t)1 << k);
-                f->weights[v * slots + k] = 0.0;
+            double *weight = &f->weights[v * slots + k];
+            *weight = 0.0;
+            for (size_t c = 0; c < 3; ++c) {
+                if (corners[c] == f->bones[v * slots + k] &&
+                    closest->barycentric[c] >= held_share) {
+                    *weight = closest->barycentric[c];
+                }
+            }
+            allowed[v] = 0;
+        }
+    }
+}
+
+pc_status pci_skin_follow_proxy(pc_context *context, const pc_mesh *surface, const pc_mesh *proxy,
+                                pc_skin *followed) {
+    const pc_status status =
+        pc_skin_heat_smoothed(context, surface, proxy, FOLLOWED_INFLUENCES, followed);
+    return status == PC_ERROR_NUMERICAL // hardly any area conducts heat
+               ? pc_skin_closest_triangle(context, surface, proxy, followed)
+               : status;
+}
+
+// Starts from what L_f follows: small parts move as one then, which sweeps from vertex to vertex
+// would take long to find.
+static void start_from_followed(pci_skin_fit *f) {
+    const uint32_t slots = f->problem.slots, influences = f->followed.influences;
+    for (size_t v = 0; v < f->problem.vertex_count; ++v) {
+        double *row = &f->weights[v * slots];
+        memset(row, 0, slots * sizeof(*row));
+        for (size_t k = 0; k < slots; ++k) {
+            for (size_t l = v * influences; l < (v + 1) * influences; ++l) {
+                row[k] +=
+                    f->followed.bones[l] == f->bones[v * slots + k] ? f->followed.weights[l] : 0.0;
             }
         }
     }
 }
 
-// The closest points make the garment move as much as its proxy; smoothed, they have no kinks at
-// the proxy's edges that L_r would have to fight.
-static pc_status follow_proxy(const pci_skin_fit *f, pci_skin_alternation *a) {
-    pc_skin followed = {0};
-    pc_status status =
-        pc_skin_heat_smoothed(f->context, f->surface, f->proxy, FOLLOWED_INFLUENCES, &followed);
-    if (status == PC_ERROR_NUMERICAL) { // hardly any area conducts heat
-        status = pc_skin_closest_triangle(f->context, f->surface, f->proxy, &followed);
+// Length of a vertex's way from rest in one frame.
+static double way(const pci_skin_problem *p, size_t frame, size_t count, const uint32_t *bones,
+                  const double *weights) {
+    const double *positions = &p->frames[3 * p->proxy_count * frame];
+    double u[3] = {0};
+    for (size_t k = 0; k < count; ++k) {
+        for (size_t c = 0; c < 3; ++c) {
+            const size_t at = 3 * (size_t)bones[k] + c;
+            u[c] += weights[k] * (positions[at] - p->proxy_rest[at]);
+        }
     }
-    if (status == PC_OK) {
-        pci_skin_alternation_follow(a, f->proxy, &followed);
+    return pci_norm(u);
+}
+
+// Motion of the garment over that of its closest points on the proxy, from some of the frames.
+static double motion_ratio(const pci_skin_fit *f) {
+    const pci_skin_problem *p = &f->problem;
+    double moved = 0.0, moved_closest = 0.0;
+    for (size_t t = 0; t < p->frame_count; t += MOTION_STRIDE) {
+        for (size_t v = 0; v < p->vertex_count; ++v) {
+            const pci_closest *closest = &f->closest[v];
+            moved += way(p, t, p->slots, &f->bones[v * p->slots], &f->weights[v * p->slots]);
+            moved_closest += way(p, t, 3, &f->proxy->triangles[3 * (size_t)closest->triangle],
+                                 closest->barycentric);
+        }
     }
-    pc_skin_free(f->context, &followed);
-    return status;
+    return moved_closest > 0.0 ? moved / moved_closest : 1.0;
+}
+
+// The losses are least where nothing moves: L_f counts more while the garment moves too little.
+// True when that changed.
+static bool keep_moving(pci_skin_fit *f) {
+    if (motion_ratio(f) >= f->options->least_motion) {
+        return false;
+    }
+    f->follow_share *= following_factor;
+    return true;
 }
 
 static pc_status weigh(pci_scratch *scratch, const pci_skin_fit *f, pci_skin_alternation *a) {
     const pc_skin_options *o = f->options;
     const double lambda[4] = {o->lambda_rigid, f->spatial_share * o->lambda_collision,
                               f->spatial_share * o->lambda_attachment, o->lambda_stretch};
-    return pci_skin_alternation_weigh(scratch, a, lambda, o->lambda_follow)
+    return pci_skin_alternation_weigh(scratch, a, lambda, f->follow_share * o->lambda_follow)
                ? PC_OK
                : pci_fail_memory(f->context, stage);
 }
@@ -243,17 +312,18 @@ pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_
     if (!pci_skin_alternation_build(scratch, p, pci_skin_kernel_float(), &a)) {
         return pci_fail_memory(f->context, stage);
     }
-    pc_status status = follow_proxy(f, &a);
+    pci_skin_alternation_follow(&a, f->proxy, &f->followed);
+    pc_status status = measure_before(scratch, f, r);
     if (status == PC_OK) {
-        status = measure_before(scratch, f, r);
+        status = balance(scratch, f);
     }
+    start_from_followed(f);
     hold_pinned(f, a.allowed);
     for (size_t v = 0; v < p->vertex_count; ++v) {
         double row[PCI_SKIN_CANDIDATES_MAX];
         pci_skin_normalize(&f->weights[v * slots], slots, row);
         memcpy(&f->weights[v * slots], row, slots * sizeof(*row));
     }
-    const bool balanced = balance(f, r);
     if (status == PC_OK) {
         status = weigh(scratch, f, &a);
     }
@@ -262,13 +332,18 @@ pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_
             // The pass over the frames before slots are taken away also measures.
             double losses[3];
             pci_skin_measures measures;
-            status = pci_skin_alternation_prune(&a, widths[phase], f->weights, &measures);
+            const bool still = keep_moving(f);
+            if (phase == 1) {
+                status = measure_full(scratch, f, r);
+            }
+            if (status == PC_OK) {
+                status = pci_skin_alternation_prune(&a, widths[phase], f->weights, &measures);
+            }
             if (status != PC_OK) {
                 break;
             }
-            const double total = normalize_losses(f, &measures, losses);
-            r->full_loss = phase == 1 ? total : r->full_loss;
-            if (balanced && rebalance(f, r, losses[0])) {
+            (void)normalize_losses(f, p, &measures, losses);
+            if (rebalance(f, losses[0]) || still) {
                 status = weigh(scratch, f, &a);
             }
         }

@@ -10,8 +10,8 @@ enum { WIND_SEED = 1001, BASELINE_INFLUENCES = 8, ROWS = 4, MEASURES = 6 };
 
 static const char *const row_names[ROWS] = {"ours", "inverse distance", "closest triangle",
                                             "heat-smoothed"};
-static const char *const measure_names[MEASURES] = {"L_r",    "L_c",    "strain",
-                                                    "p95",    "folded", "crossings"};
+static const char *const measure_names[MEASURES] = {"L_r", "L_c",    "strain",
+                                                    "p95", "folded", "crossings"};
 
 typedef struct tally {
     size_t garments, won[MEASURES], beats_smoothed[MEASURES], all, moving, held;
@@ -47,8 +47,8 @@ static bool make_weights(pc_context *context, const pc_asset *asset, const pc_op
     pc_status status = PC_ERROR_INTERNAL;
     switch (row) {
     case 0:
-        status = pc_skin_optimize(context, surface, proxy, &asset->motion, &options->skin, skin,
-                                  NULL);
+        status =
+            pc_skin_optimize(context, surface, proxy, &asset->motion, &options->skin, skin, NULL);
         break;
     case 1:
         status = pc_skin_inverse_distance(context, surface, proxy, BASELINE_INFLUENCES, skin);
@@ -83,8 +83,8 @@ static bool measure(pc_context *context, const char *path, const pc_options *opt
     pc_motion motion = {0};
     pc_motion_measures ours = {0};
     double values[ROWS][MEASURES];
-    bool good = pc_asset_load(context, path, &asset) == PC_OK &&
-                unseen_motion(context, &asset, &motion);
+    bool good =
+        pc_asset_load(context, path, &asset) == PC_OK && unseen_motion(context, &asset, &motion);
     for (size_t row = 0; row < ROWS && good; ++row) {
         pc_skin skin = {0};
         pc_motion_measures m;

@@ -31,6 +31,8 @@
     X(dry_run, BOOL, 0, 0, 1, "", "Tell what would be done, and do nothing", CLI_BATCH)            \
     X(force, BOOL, 0, 0, 1, "", "Convert again what is up to date", CLI_BATCH)                     \
     X(retry_failed, BOOL, 0, 0, 1, "", "Try again what failed with the same input", CLI_BATCH)     \
+    X(licences, BOOL, 0, 0, 1, "", "Print every library with its version and licence",             \
+      CLI_LICENCES)                                                                                \
     X(quiet, BOOL, 0, 0, 1, "", "Print errors only", 0)                                            \
     X(verbose, BOOL, 0, 0, 1, "", "Print more about each stage", 0)
 
@@ -60,6 +62,8 @@ static const cli_text_flag text_flags[] = {
      offsetof(cli_arguments, output), false},
     {"output", "ASSET", "Asset file to write", CLI_OUTPUT_FILE, offsetof(cli_arguments, output),
      false},
+    {"output", "FILE.html", "Page to write; without it FOLDER/report.html", CLI_OUTPUT_PAGE,
+     offsetof(cli_arguments, output), false},
     {"write-lp", "FILE", "Write the integer program too, in CPLEX LP format", CLI_WRITE_LP,
      offsetof(cli_arguments, lp), false},
     {"name", "NAME", "Name of the garment and of its files; without it the input's", CLI_NAME,

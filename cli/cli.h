@@ -35,6 +35,7 @@ typedef struct cli_settings {
     bool json;
     bool motion;
     bool print_options;
+    bool licences;
     uint32_t jobs;           // 0: one per core
     uint32_t garment_memory; // MiB; 0: the machine's over the jobs
     double garment_seconds;
@@ -63,7 +64,9 @@ typedef enum cli_accepts {
     CLI_WRITE_LP = 1 << 8,      // --write-lp
     CLI_PARTS = 1 << 9,         // --parts
     CLI_OPTIONS = 1 << 10,      // --options, --preset, --print-options
-    CLI_BATCH = 1 << 11         // --jobs, --shard and the like
+    CLI_BATCH = 1 << 11,        // --jobs, --shard and the like
+    CLI_OUTPUT_PAGE = 1 << 12,  // -o FILE.html
+    CLI_LICENCES = 1 << 13      // --licences
 } cli_accepts;
 
 enum { CLI_MAXIMUM_LEVELS = 16 };
@@ -152,6 +155,10 @@ int cli_run_stage(const cli_command *command, cli_arguments *arguments);
 int cli_run_export(const cli_command *command, cli_arguments *arguments);
 int cli_run_info(const cli_command *command, cli_arguments *arguments);
 int cli_run_evaluate(const cli_command *command, cli_arguments *arguments);
+int cli_run_version(const cli_command *command, cli_arguments *arguments);
+int cli_run_report(const cli_command *command, cli_arguments *arguments);
+// Writes the page over all results in a folder. `file` NULL: FOLDER/report.html, with links.
+int cli_write_page(const cli_command *command, const char *folder, const char *file);
 // evaluate --motion
 int cli_evaluate_motion(const cli_command *command, const cli_arguments *arguments);
 

@@ -3,6 +3,7 @@
 #include "batch.h"
 
 #include <errno.h>
+#include <limits.h>
 #include <math.h>
 #include <sched.h>
 #include <signal.h>
@@ -295,6 +296,18 @@ static int summarize(const batch_run *r) {
     return r->retryable > 0 ? CLI_TRANSIENT : r->failed > 0 ? CLI_FAILED : CLI_OK;
 }
 
+// The page over all garments, when there is something new to see. Shards are collected by a run
+// without --shard, which also writes their page.
+static int write_page(const batch_run *r) {
+    char page[PATH_MAX];
+    snprintf(page, sizeof(page), "%s/report.html", r->output.folder);
+    if (cli_interrupted() || r->plan.shard_count > 1 ||
+        (r->converted == 0 && access(page, F_OK) == 0)) {
+        return CLI_OK;
+    }
+    return cli_write_page(r->command, r->output.folder, NULL);
+}
+
 static int run_in_folder(batch_run *r) {
     int lock = -1;
     int code = cli_output_begin(r->command, r->arguments->output, &r->output);
@@ -306,6 +319,9 @@ static int run_in_folder(batch_run *r) {
     }
     if (code == CLI_OK) {
         code = write_report(r);
+    }
+    if (code == CLI_OK) {
+        code = write_page(r);
     }
     batch_workspace_end(&r->output, lock);
     cli_output_end(&r->output);

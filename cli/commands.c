@@ -4,13 +4,6 @@
 #include <stdio.h>
 #include <string.h>
 
-static int run_version(const cli_command *command, cli_arguments *arguments) {
-    (void)command;
-    (void)arguments;
-    printf("proxycloth %s\n", pc_version());
-    return CLI_OK;
-}
-
 enum { all_stages = (1u << PC_STAGE_COUNT) - 1 };
 
 static const cli_command commands_before[] = {
@@ -87,6 +80,19 @@ static const cli_command commands_after[] = {
      .maximum_inputs = 2,
      .accepts = CLI_JSON | CLI_MESH | CLI_MOTION | CLI_SCENARIO,
      .run = cli_run_evaluate},
+    {.name = "report",
+     .operands = "FOLDER [-o FILE.html]",
+     .summary = "one HTML page over all results in a folder",
+     .details =
+         "Contact sheets by their worst measure, measures, histograms, times, warnings, failures\n"
+         "and options of what build or batch wrote into FOLDER and the folders in it. The page\n"
+         "needs no other file and no network; FOLDER/report.html also links to the results. With\n"
+         "many garments it holds thumbnails.\n",
+     .minimum_inputs = 1,
+     .maximum_inputs = 1,
+     .example = "out",
+     .accepts = CLI_OUTPUT_PAGE,
+     .run = cli_run_report},
     {.name = "help",
      .operands = "[COMMAND]",
      .summary = "explain a command and its options",
@@ -99,7 +105,11 @@ static const cli_command commands_after[] = {
      .details = "eval \"$(proxycloth completion)\" in ~/.bashrc, or save it to\n"
                 "/etc/bash_completion.d/proxycloth.\n",
      .run = cli_run_completion},
-    {.name = "version", .operands = "", .summary = "print the version", .run = run_version},
+    {.name = "version",
+     .operands = "",
+     .summary = "print the version, and with --licences those of all libraries",
+     .accepts = CLI_LICENCES,
+     .run = cli_run_version},
 };
 
 enum {

@@ -284,6 +284,13 @@ static void collect_joints(scene_reader *reader, const node_entry *by_name) {
         for (size_t k = 0; k < 3; ++k) {
             joint->center[k] = reader->nodes[n].world.m[4 * k + 3];
         }
+        joint->parent = PC_INVALID_INDEX;
+        for (size_t up = reader->nodes[n].parent; up != SIZE_MAX; up = reader->nodes[up].parent) {
+            if (reader->joint_of[up] != UINT32_MAX) {
+                joint->parent = reader->joint_of[up];
+                break;
+            }
+        }
         reader->joint_nodes[s->header.joint_count] = n;
         reader->joint_of[n] = (uint32_t)s->header.joint_count++;
     }

@@ -75,7 +75,8 @@ static const char *check_joints(const scene_data *scene) {
     for (size_t j = 0; j < h->joint_count; ++j) {
         const double *at = scene->joints[j].center;
         if (!terminated(scene->joints[j].name, PC_NAME_SIZE) || !isfinite(at[0]) ||
-            !isfinite(at[1]) || !isfinite(at[2])) {
+            !isfinite(at[1]) || !isfinite(at[2]) ||
+            (scene->joints[j].parent >= j && scene->joints[j].parent != PC_INVALID_INDEX)) {
             return "a damaged joint";
         }
     }
@@ -309,6 +310,7 @@ pc_status scene_character(const scene_data *scene, const uint8_t *chosen, pc_con
         }
     }
     double *centers = calloc(h->joint_count + 1, 3 * sizeof(double));
+    uint32_t *parents = calloc(h->joint_count + 1, sizeof(uint32_t));
     double *rates = calloc(h->animation_count + 1, sizeof(double));
     char *names = calloc(h->joint_count + h->animation_count + parts + 1, PC_NAME_SIZE);
     double *positions = calloc(vertices + 1, 3 * sizeof(double));
@@ -316,8 +318,8 @@ pc_status scene_character(const scene_data *scene, const uint8_t *chosen, pc_con
         calloc(2 * h->animation_count + 4 * triangles + 4 * vertices + 1, sizeof(uint32_t));
     float *weights = calloc(vertices + 1, 4 * sizeof(float));
     pc_status status = PC_ERROR_OUT_OF_MEMORY;
-    if (centers == NULL || rates == NULL || names == NULL || positions == NULL || indices == NULL ||
-        weights == NULL) {
+    if (centers == NULL || parents == NULL || rates == NULL || names == NULL || positions == NULL ||
+        indices == NULL || weights == NULL) {
         goto cleanup;
     }
     char *clip_names = names + PC_NAME_SIZE * h->joint_count;
@@ -327,6 +329,7 @@ pc_status scene_character(const scene_data *scene, const uint8_t *chosen, pc_con
     for (size_t j = 0; j < h->joint_count; ++j) {
         memcpy(&names[PC_NAME_SIZE * j], scene->joints[j].name, PC_NAME_SIZE);
         memcpy(&centers[3 * j], scene->joints[j].center, sizeof(scene->joints[j].center));
+        parents[j] = scene->joints[j].parent;
     }
     size_t clips = 0;
     for (size_t i = 0; i < h->animation_count; ++i) {
@@ -362,6 +365,7 @@ pc_status scene_character(const scene_data *scene, const uint8_t *chosen, pc_con
     const pc_character arrays = {.joint_count = h->joint_count,
                                  .joint_names = names,
                                  .joint_centers = centers,
+                                 .joint_parents = parents,
                                  .clip_count = clips,
                                  .clip_names = clip_names,
                                  .clip_poses = ranges,
@@ -377,6 +381,7 @@ pc_status scene_character(const scene_data *scene, const uint8_t *chosen, pc_con
     status = pc_character_create(context, &arrays, character);
 cleanup:
     free(centers);
+    free(parents);
     free(rates);
     free(names);
     free(positions);

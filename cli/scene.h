@@ -30,6 +30,8 @@ typedef struct scene_animation {
 typedef struct scene_joint {
     char name[PC_NAME_SIZE];
     double center[3]; // in the rest pose
+    uint32_t parent;  // an earlier joint, or PC_INVALID_INDEX
+    uint32_t reserved;
 } scene_joint;
 
 typedef struct scene_header {
@@ -66,7 +68,7 @@ typedef struct scene_failure {
     char message[256];
 } scene_failure;
 
-#define SCENE_MAGIC         "PCSCENE2"
+#define SCENE_MAGIC         "PCSCENE3"
 #define SCENE_FAILURE_MAGIC "PCFAIL_1"
 
 // Byte offsets of the arrays behind the header, in the order of `scene`; the last one is the size

@@ -24,6 +24,11 @@ static pc_status check_skeleton(pc_context *context, const pc_character *c) {
             return invalid(context, "joint", j / 3);
         }
     }
+    for (size_t j = 0; c->joint_parents != NULL && j < c->joint_count; ++j) {
+        if (c->joint_parents[j] >= j && c->joint_parents[j] != PC_INVALID_INDEX) {
+            return invalid(context, "the parent of joint", j);
+        }
+    }
     for (size_t i = 0; i < c->clip_count; ++i) {
         const uint32_t *range = &c->clip_poses[2 * i];
         if (range[1] == 0 || range[0] > c->pose_count || range[1] > c->pose_count - range[0] ||
@@ -154,6 +159,8 @@ pc_status pc_character_create(pc_context *context, const pc_character *arrays,
     character->joint_names = copy_names(context, arrays->joint_names, arrays->joint_count, &failed);
     character->joint_centers =
         copy(context, arrays->joint_centers, arrays->joint_count, 3 * sizeof(double), &failed);
+    character->joint_parents =
+        copy(context, arrays->joint_parents, arrays->joint_count, sizeof(uint32_t), &failed);
     character->clip_count = poses != 0 ? arrays->clip_count : 0;
     character->clip_names = copy_names(context, arrays->clip_names, character->clip_count, &failed);
     character->clip_poses =

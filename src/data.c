@@ -49,6 +49,7 @@ void pc_character_free(pc_context *context, pc_character *character) {
     if (character != NULL) {
         pc_release(context, character->joint_names);
         pc_release(context, character->joint_centers);
+        pc_release(context, character->joint_parents);
         pc_release(context, character->clip_names);
         pc_release(context, character->clip_poses);
         pc_release(context, character->clip_rates);

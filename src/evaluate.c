@@ -495,10 +495,8 @@ static pc_status measure_space(pc_context *context, const pc_mesh *visual, const
 
 // ---- shape of the triangles -------------------------------------------------------------------
 
-typedef enum quality { MIN_ANGLE, EDGE_RATIO, ASPECT_RATIO, RADIUS_RATIO, QUALITY_COUNT } quality;
-
 // All 0 for a triangle without area.
-static void triangle_qualities(const pc_mesh *mesh, size_t triangle, double value[QUALITY_COUNT]) {
+static void triangle_shape(const pc_mesh *mesh, size_t triangle, double value[PC_SHAPE_COUNT]) {
     const uint32_t *corner = &mesh->triangles[3 * triangle];
     double edge[3];
     for (size_t c = 0; c < 3; ++c) {
@@ -508,7 +506,7 @@ static void triangle_qualities(const pc_mesh *mesh, size_t triangle, double valu
     const double area = pci_triangle_area(mesh, triangle);
     const double longest = fmax(fmax(edge[0], edge[1]), edge[2]);
     const double shortest = fmin(fmin(edge[0], edge[1]), edge[2]);
-    memset(value, 0, QUALITY_COUNT * sizeof(*value));
+    memset(value, 0, PC_SHAPE_COUNT * sizeof(*value));
     if (!(area > 0.0) || !(shortest > 0.0)) {
         return;
     }
@@ -516,39 +514,40 @@ static void triangle_qualities(const pc_mesh *mesh, size_t triangle, double valu
     const double squares = edge[0] * edge[0] + edge[1] * edge[1] + edge[2] * edge[2];
     const double angle = atan2(4.0 * area, squares - 2.0 * shortest * shortest);
     const double half_perimeter = 0.5 * (edge[0] + edge[1] + edge[2]);
-    value[MIN_ANGLE] = angle * (180.0 / acos(-1.0));
-    value[EDGE_RATIO] = shortest / longest;
-    value[ASPECT_RATIO] = 2.0 * area / longest / longest;
-    value[RADIUS_RATIO] = 8.0 * area * area / (half_perimeter * edge[0] * edge[1] * edge[2]);
+    value[PC_SHAPE_MIN_ANGLE] = angle * (180.0 / acos(-1.0));
+    value[PC_SHAPE_EDGE_RATIO] = shortest / longest;
+    value[PC_SHAPE_ASPECT_RATIO] = 2.0 * area / longest / longest;
+    value[PC_SHAPE_RADIUS_RATIO] =
+        8.0 * area * area / (half_perimeter * edge[0] * edge[1] * edge[2]);
 }
 
 static pc_status measure_triangles(pc_context *context, const pc_mesh *proxy,
                                    pc_measures *measures) {
     pci_scratch scratch = pci_scratch_begin(context);
     const size_t count = proxy->triangle_count;
-    double *values = PCI_SCRATCH(&scratch, double, QUALITY_COUNT *count);
+    double *values = PCI_SCRATCH(&scratch, double, PC_SHAPE_COUNT *count);
     if (scratch.failed) {
         pci_scratch_end(&scratch);
         return pci_fail_memory(context, stage);
     }
     for (size_t t = 0; t < count; ++t) {
-        triangle_qualities(proxy, t, &values[QUALITY_COUNT * t]);
+        triangle_shape(proxy, t, &values[PC_SHAPE_COUNT * t]);
     }
-    double *const targets[QUALITY_COUNT][3] = {
+    double *const targets[PC_SHAPE_COUNT][3] = {
         {&measures->min_angle_mean, &measures->min_angle_sd, &measures->min_angle_worst},
         {&measures->edge_ratio_mean, &measures->edge_ratio_sd, &measures->edge_ratio_worst},
         {&measures->aspect_ratio_mean, &measures->aspect_ratio_sd, &measures->aspect_ratio_worst},
         {&measures->radius_ratio_mean, &measures->radius_ratio_sd, &measures->radius_ratio_worst},
     };
-    for (size_t q = 0; q < QUALITY_COUNT; ++q) {
+    for (size_t q = 0; q < PC_SHAPE_COUNT; ++q) {
         double sum = 0.0, squares = 0.0, worst = INFINITY;
         for (size_t t = 0; t < count; ++t) {
-            sum += values[QUALITY_COUNT * t + q];
-            worst = fmin(worst, values[QUALITY_COUNT * t + q]);
+            sum += values[PC_SHAPE_COUNT * t + q];
+            worst = fmin(worst, values[PC_SHAPE_COUNT * t + q]);
         }
         const double mean = sum / (double)count;
         for (size_t t = 0; t < count; ++t) {
-            const double offset = values[QUALITY_COUNT * t + q] - mean;
+            const double offset = values[PC_SHAPE_COUNT * t + q] - mean;
             squares += offset * offset;
         }
         *targets[q][0] = mean;
@@ -586,4 +585,31 @@ pc_status pc_evaluate(pc_context *context, const pc_mesh *visual, const pc_mesh 
         memset(measures, 0, sizeof(*measures));
     }
     return status;
+}
+
+pc_status pc_evaluate_shape(pc_context *context, const pc_mesh *mesh,
+                            pc_histogram histograms[PC_SHAPE_COUNT]) {
+    static const pc_histogram empty[PC_SHAPE_COUNT] = {{.name = "min_angle", .maximum = 60.0},
+                                                       {.name = "edge_ratio", .maximum = 1.0},
+                                                       {.name = "aspect_ratio", .maximum = 1.0},
+                                                       {.name = "radius_ratio", .maximum = 1.0}};
+    if (mesh == NULL || histograms == NULL) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage, "%s: an argument is NULL",
+                        stage);
+    }
+    memset(histograms, 0, PC_SHAPE_COUNT * sizeof(*histograms));
+    const pc_status status = check_mesh(context, mesh, "proxy");
+    if (status != PC_OK) {
+        return status;
+    }
+    memcpy(histograms, empty, sizeof(empty));
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        double values[PC_SHAPE_COUNT];
+        triangle_shape(mesh, t, values);
+        for (size_t s = 0; s < PC_SHAPE_COUNT; ++s) {
+            const double bin = PC_HISTOGRAM_BINS * values[s] / histograms[s].maximum;
+            ++histograms[s].counts[(size_t)fmin(bin, PC_HISTOGRAM_BINS - 1)];
+        }
+    }
+    return PC_OK;
 }

@@ -2,6 +2,7 @@
 #include "proxycloth/pipeline.h"
 
 #include "asset.h"
+#include "core/bvh.h"
 #include "core/clock.h"
 #include "core/core.h"
 
@@ -50,10 +51,16 @@ pc_status pc_build_from(pc_context *context, pc_stage first, const pc_options *o
                         pc_asset *asset, pc_timings *timings) {
     pc_status status = PC_OK;
     pc_stage stage = first;
+    // Until the single layer is there, nearly every stage asks for points of the visual mesh.
+    pci_bvh_share(context, asset != NULL ? &asset->visual.surface : NULL);
     do {
         status = pc_run_stage(context, stage, options, asset, timings);
+        if (stage == PC_STAGE_CARVE) {
+            pci_bvh_share(context, NULL);
+        }
         ++stage;
     } while (stage < PC_STAGE_COUNT && status == PC_OK);
+    pci_bvh_share(context, NULL);
     return status;
 }
 

@@ -8,7 +8,8 @@
 ///   /visual           positions, triangles, corner_vertices, corner_triangles, normals, texcoords,
 ///                     colors, triangle_materials, materials (a table: name, base_color, metallic,
 ///                     roughness, double_sided), part_names, triangle_parts, joints,
-///                     joint_weights; of pc_character: joint_names, joint_centers, clip_names,
+///                     joint_weights; of pc_character: joint_names, joint_centers,
+///                     joint_parents, clip_names,
 ///                     clip_poses, clip_rates, poses, body_positions, body_triangles,
 ///                     body_part_names, body_triangle_parts, body_joints, body_weights
 ///   /voxelize         samples, values; attributes: origin, cell_size, size, band

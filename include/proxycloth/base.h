@@ -11,6 +11,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "proxycloth/version.h"
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -38,7 +40,8 @@ extern "C" {
     X(ERROR_NO_PROXY, 10, "the input leads to no proxy mesh")                                      \
     X(ERROR_CANCELLED, 11, "the progress callback cancelled the call")                             \
     X(ERROR_DEPENDENCY, 12, "a third-party library failed")                                        \
-    X(ERROR_INTERNAL, 13, "an invariant of the library does not hold")
+    X(ERROR_INTERNAL, 13, "an invariant of the library does not hold")                             \
+    X(ERROR_VERSION, 14, "the headers are of another version than the library")
 
 #define PC_STATUS_ENUMERATOR(name, value, text) PC_##name = (value),
 /// What a call came to. Values are never renumbered.
@@ -50,6 +53,16 @@ const char *pc_status_text(pc_status status);
 
 /// Version of the library as "major.minor.patch".
 const char *pc_version(void);
+
+/// A third-party library that calls of this one lead into.
+typedef struct pc_dependency {
+    const char *name;
+    char version[32]; ///< of the library that is loaded, or of its headers where it does not tell
+    const char *licence; ///< SPDX expression
+} pc_dependency;
+
+/// Fills `dependency` with the library of that number, counted from 0; false when there is none.
+bool pc_dependency_at(size_t index, pc_dependency *dependency);
 
 /// The state that calls share; see pc_context_create.
 typedef struct pc_context pc_context;
@@ -90,12 +103,22 @@ typedef struct pc_error {
     char message[512];
 } pc_error;
 
-/// Makes a context.
+/// Makes a context, for callers of the version `abi` of these headers: what pc_context_create
+/// calls, and what other languages call with the PC_ABI_VERSION they were written for.
+/// @return as pc_context_create.
+PC_NODISCARD pc_status pc_context_create_abi(uint32_t abi, const pc_context_options *options,
+                                             pc_context **context);
+
+/// Makes a context. No other call is of use without one, so headers and a library that do not fit
+/// each other are noticed here.
 /// @param[in]  options  NULL for the defaults.
 /// @param[out] context  the new context; NULL on failure.
-/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (threads above 256, half an allocator);
-///         PC_ERROR_OUT_OF_MEMORY.
-PC_NODISCARD pc_status pc_context_create(const pc_context_options *options, pc_context **context);
+/// @return PC_OK; PC_ERROR_VERSION; PC_ERROR_INVALID_ARGUMENT (threads above 256, half an
+///         allocator); PC_ERROR_OUT_OF_MEMORY.
+PC_NODISCARD static inline pc_status pc_context_create(const pc_context_options *options,
+                                                       pc_context **context) {
+    return pc_context_create_abi(PC_ABI_VERSION, options, context);
+}
 
 /// Destroys a context. NULL is accepted.
 void pc_context_destroy(pc_context *context);

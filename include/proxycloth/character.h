@@ -19,6 +19,9 @@ typedef struct pc_character {
     size_t joint_count;
     char *joint_names;     ///< #J by 64
     double *joint_centers; ///< #J by 3, where the joint is in the rest pose
+    /// #J, the joint that this one hangs on, below its own index; PC_INVALID_INDEX: none. NULL: none
+    /// hangs on another.
+    uint32_t *joint_parents;
     size_t clip_count;
     char *clip_names;     ///< #clips by 64
     uint32_t *clip_poses; ///< #clips by 2, first pose and number of poses (at least 1)

@@ -70,6 +70,31 @@ extern const pc_record pc_measures_record;
 PC_NODISCARD pc_status pc_evaluate(pc_context *context, const pc_mesh *visual, const pc_mesh *proxy,
                                    pc_measures *measures);
 
+/// Measures of a triangle's shape, as in figure 10.
+typedef enum pc_shape {
+    PC_SHAPE_MIN_ANGLE = 0, ///< degrees, 0..60
+    PC_SHAPE_EDGE_RATIO,    ///< 0..1
+    PC_SHAPE_ASPECT_RATIO,  ///< 0...866
+    PC_SHAPE_RADIUS_RATIO,  ///< 0..1
+    PC_SHAPE_COUNT
+} pc_shape;
+
+#define PC_HISTOGRAM_BINS 20
+
+/// Number of triangles per bin; bins share 0..maximum evenly, the last one includes its upper end.
+typedef struct pc_histogram {
+    const char *name; ///< as in pc_measures, without _mean
+    double maximum;   ///< 60 for the angle, 1 for the ratios
+    uint64_t counts[PC_HISTOGRAM_BINS];
+} pc_histogram;
+
+/// Counts the triangles of a mesh by their shape.
+/// @param[out] histograms  overwritten; all zero on failure.
+/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (NULL); PC_ERROR_INVALID_MESH and PC_ERROR_TOO_LARGE as
+///         pc_evaluate.
+PC_NODISCARD pc_status pc_evaluate_shape(pc_context *context, const pc_mesh *mesh,
+                                         pc_histogram histograms[PC_SHAPE_COUNT]);
+
 #ifdef __cplusplus
 }
 #endif

@@ -22,8 +22,18 @@ extern "C" {
 ///   bind matrices that only translate. Skinned meshes have no transform of their own.
 /// - Animation "simulation": one LINEAR translation channel per joint, frame f at f * frame_time.
 /// - Node NAME_proxy: the proxy mesh, vertex i follows joint i. Its extras hold under "proxycloth"
-///   what a cloth solver needs: joints (names), triangles, pinned, stretch_springs and bend_springs
-///   (vertices in pairs, rest_lengths, stiffness), simulation (options of the simulation).
+///   what a cloth solver of an engine needs:
+///     version          1
+///     joints           names of the joints, in the order of the proxy's vertices
+///     triangles        of the proxy, three vertices each
+///     pinned           vertices that are held
+///     stretch_springs  along the edges, and
+///     bend_springs     between the two vertices across an inner edge:
+///       vertices       two per spring
+///       rest_lengths   one per spring, in the unit of the file
+///       stiffness      share of the difference that a whole step takes away, 0..1
+///     simulation       pc_simulate_options by name; garment_size is the diagonal in metres to which
+///                      the proxy is scaled while it is simulated, 0 where it is not
 /// Lengths are written as they are; glTF takes them for metres and y for up.
 /// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (a stage is missing, or the asset is inconsistent);
 ///         PC_ERROR_TOO_LARGE (above 65536 proxy vertices or 4 GiB); PC_ERROR_IO;
@@ -37,8 +47,9 @@ PC_NODISCARD pc_status pc_export_obj(pc_context *context, const pc_mesh *mesh, c
 
 /// Writes the report of the stages done as JSON. Keys: schema (1), versions, name, stage_count,
 /// visual.report, stages.STAGE.options and .report, warnings (stage, field, count, message), label
-/// (outcome, objective, bound, gap), measures, losses.before and .after (total, rigid, collision,
-/// attachment), timings (seconds per stage and total). Only `timings` differs between two runs on
+/// (outcome, objective, bound, gap), measures, histograms.SHAPE (maximum, counts; the triangles of the
+/// proxy, see pc_evaluate_shape), losses.before and .after (total, rigid, collision, attachment),
+/// timings (seconds per stage and total). Only `timings` differs between two runs on
 /// the same input. Numbers that are not finite are null.
 /// @param[in] measures  NULL: no measures.
 /// @param[in] timings   NULL: no seconds.

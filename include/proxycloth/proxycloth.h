@@ -46,6 +46,7 @@
 
 #include "proxycloth/asset_file.h"
 #include "proxycloth/baselines.h"
+#include "proxycloth/body.h"
 #include "proxycloth/deform.h"
 #include "proxycloth/evaluate.h"
 #include "proxycloth/evaluate_motion.h"

@@ -103,6 +103,48 @@ PC_NODISCARD pc_status pc_simulate_scenario(pc_context *context, const pc_simula
                                             const pc_simulate_options *options, pc_motion *motion,
                                             pc_simulate_report *report);
 
+/// The same simulation step by step, for programs that run while it goes on.
+///
+///     pc_simulator *simulator = NULL;
+///     if (pc_simulator_create(context, &inputs, &options, &simulator) != PC_OK) return;
+///     while (running && pc_simulator_step(simulator, NULL, NULL) == PC_OK)
+///         draw(pc_simulator_positions(simulator));
+///     pc_simulator_destroy(simulator);
+///
+/// Frame f of pc_simulate_scenario is what (f + 1) * frame_steps steps without wind and targets of
+/// the caller's lead to, bit for bit.
+typedef struct pc_simulator pc_simulator;
+
+/// Prepares a simulation and, with a clip, leads the cloth to its start.
+/// @param[in]  inputs     what the pointers in it name must stay as it is until the simulator is
+///                        destroyed.
+/// @param[in]  options    NULL for the defaults; `frames` is not used.
+/// @param[out] simulator  NULL on failure. Belongs to the context, which has to outlive it.
+/// @return as pc_simulate_scenario.
+PC_NODISCARD pc_status pc_simulator_create(pc_context *context, const pc_simulate_inputs *inputs,
+                                           const pc_simulate_options *options,
+                                           pc_simulator **simulator);
+
+/// One step of `time_step`. Allocates nothing.
+/// @param[in] wind     3 numbers, m/s; NULL: the wind of the scenario or of the seed, which goes on
+///                     in the meantime.
+/// @param[in] targets  #V by 3 in the proxy's unit: where pinned vertices, and only they, are at
+///                     the end of the step; NULL: where the attachment has them, or where they are.
+/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (NULL); PC_ERROR_NUMERICAL, after which only destroying
+///         is of use.
+PC_NODISCARD pc_status pc_simulator_step(pc_simulator *simulator, const double *wind,
+                                         const double *targets);
+
+/// Positions of the proxy after the last step, or where the simulation starts: #V by 3 in its unit.
+/// Overwritten by the next step.
+const double *pc_simulator_positions(const pc_simulator *simulator);
+
+/// #V, 1 for vertices that are held.
+const uint8_t *pc_simulator_pinned(const pc_simulator *simulator);
+
+/// NULL is accepted.
+void pc_simulator_destroy(pc_simulator *simulator);
+
 #ifdef __cplusplus
 }
 #endif

@@ -79,6 +79,15 @@ typedef enum pc_skin_weight_storage {
     PC_SKIN_WEIGHTS_U8,    ///< 8-bit integers, each row sums to exactly 255
 } pc_skin_weight_storage;
 
+/// Which channel of the vertex colors holds a vertex's share of the proxy (body.h).
+typedef enum pc_body_channel {
+    PC_BODY_CHANNEL_NONE,
+    PC_BODY_CHANNEL_RED,
+    PC_BODY_CHANNEL_GREEN,
+    PC_BODY_CHANNEL_BLUE,
+    PC_BODY_CHANNEL_ALPHA
+} pc_body_channel;
+
 typedef struct pc_skin_options {
     uint32_t solver;          ///< pc_skin_solver
     uint32_t influences;      ///< K of the result
@@ -101,6 +110,8 @@ typedef struct pc_skin_options {
     uint32_t max_bones;      ///< of the engine, for the proxy and the reserve; 0: no limit
     uint32_t reserve_bones;  ///< that the engine uses for something else
     uint32_t weight_storage; ///< pc_skin_weight_storage, in exported files
+    double body_blend;       ///< way from the pins to the free cloth, in exported files (body.h)
+    uint32_t body_channel;   ///< pc_body_channel, instead of body_blend
 } pc_skin_options;
 
 /// Losses in single precision, to about 1e-6 of themselves.

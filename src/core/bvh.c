@@ -97,7 +97,10 @@ static bool normalise_space(pci_bvh *bvh) {
 
 pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *mesh,
                          pci_bvh **bvh) {
-    *bvh = NULL;
+    *bvh = mesh == context->shared_mesh ? context->shared_bvh : NULL;
+    if (*bvh != NULL) {
+        return PC_OK;
+    }
     if (mesh->triangle_count >= PC_INVALID_INDEX) {
         return pci_fail(context, PC_ERROR_TOO_LARGE, stage, "%s: %zu triangles are too many", stage,
                         mesh->triangle_count);
@@ -149,11 +152,21 @@ pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *
                         stage, (int)error);
     }
     *bvh = created;
+    if (mesh == context->shared_mesh) {
+        context->shared_bvh = created;
+    }
     return PC_OK;
 }
 
+void pci_bvh_share(pc_context *context, const pc_mesh *mesh) {
+    pci_bvh *last = context->shared_bvh;
+    context->shared_mesh = mesh;
+    context->shared_bvh = NULL;
+    pci_bvh_destroy(context, last);
+}
+
 void pci_bvh_destroy(pc_context *context, pci_bvh *bvh) {
-    if (bvh == NULL) {
+    if (bvh == NULL || bvh == context->shared_bvh) {
         return;
     }
     if (bvh->scene != NULL) {
@@ -325,9 +338,15 @@ static bool collect_triangle(struct RTCPointQueryFunctionArguments *arguments) {
     const pc_mesh *mesh = found->mesh;
     const uint32_t t = arguments->primID;
     double barycentric[3];
+    // Most of what comes here has a corner within the radius, which is cheaper to know.
+    bool within = false;
+    for (size_t c = 0; c < 3 && !within; ++c) {
+        within = pci_squared_distance(found->point, corner(mesh, t, c)) <= found->squared_radius;
+    }
     if (found->count <= found->capacity &&
-        pci_triangle_squared_distance(found->point, corner(mesh, t, 0), corner(mesh, t, 1),
-                                      corner(mesh, t, 2), barycentric) <= found->squared_radius) {
+        (within ||
+         pci_triangle_squared_distance(found->point, corner(mesh, t, 0), corner(mesh, t, 1),
+                                       corner(mesh, t, 2), barycentric) <= found->squared_radius)) {
         if (found->count < found->capacity) {
             found->triangles[found->count] = t;
         }

@@ -27,11 +27,15 @@ static void default_release(void *user, void *memory) {
     free(memory);
 }
 
-pc_status pc_context_create(const pc_context_options *options, pc_context **context) {
+pc_status pc_context_create_abi(uint32_t abi, const pc_context_options *options,
+                                pc_context **context) {
     if (context == NULL) {
         return PC_ERROR_INVALID_ARGUMENT;
     }
     *context = NULL;
+    if (abi != PC_ABI_VERSION) {
+        return PC_ERROR_VERSION;
+    }
     pc_context_options chosen = {0};
     if (options != NULL) {
         chosen = *options;

@@ -14,6 +14,9 @@ struct pc_context {
     const char *stage;
     double fraction, reported;
     bool cancelled;
+    // pci_bvh_share
+    const struct pc_mesh *shared_mesh;
+    struct pci_bvh *shared_bvh; // NULL until somebody asks for it
 };
 
 // The allocator of contexts without one of their own.

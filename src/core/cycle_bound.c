@@ -35,7 +35,7 @@ static size_t count_contracted(bounding *b, const int64_t *amounts, int64_t gap)
 }
 
 // Packs the cycles of the program, then those through the ground, then what still fits.
-static bool certify(bounding *b) {
+static bool certify(bounding *b, const uint8_t *labels, uint64_t *work) {
     pci_cycle_bound *result = b->result;
     memcpy(result->residuals, b->costs, b->graph->edge_count * sizeof(*b->costs));
     result->bound = b->graph->constant;
@@ -47,6 +47,7 @@ static bool certify(bounding *b) {
     }
     result->bound += gain;
     result->bound += pci_cycle_program_pack(&b->program, true, result->residuals);
+    result->bound += pci_cycle_search_fill(&b->search, labels, result->residuals, work);
     return true;
 }
 
@@ -85,20 +86,22 @@ static bool run_round(bounding *b, uint32_t round, uint32_t *idle, uint8_t *labe
         return false;
     }
     const double error = pci_cycle_program_iterate(p);
-    spend(b->budget, work + (p->entry_count + 4 * graph->edge_count) * PCI_PROGRAM_STEPS);
+    work += (p->entry_count + 4 * graph->edge_count) * PCI_PROGRAM_STEPS;
     if (!pci_signed_search(b->scratch->context, graph, p->y, 0, labels)) {
         return false;
     }
     *idle = added == 0 && error < CONVERGED ? *idle + 1 : 0;
-    *done = *idle == MAX_IDLE || b->budget->left == 0;
+    *done = *idle == MAX_IDLE || b->budget->left <= work;
     if (*done || promising(b, pci_signed_graph_cost(graph, labels))) {
-        if (!certify(b) || !round_residuals(b, labels)) {
+        if (!certify(b, labels, &work) || !round_residuals(b, labels)) {
             return false;
         }
         const int64_t gap = pci_signed_graph_cost(graph, labels) - b->result->bound;
         *done = *done || gap <= 0 ||
                 2 * count_contracted(b, b->result->residuals, gap) < graph->vertex_count;
     }
+    spend(b->budget, work);
+    *done = *done || b->budget->left == 0;
     pci_cycle_program_purge(p);
     return true;
 }

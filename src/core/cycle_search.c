@@ -7,7 +7,10 @@ enum {
     CUTS_PER_EDGE = 8, // in one round
     BALL = 100,        // clusters that a search among single vertices settles
     FAR = 1000,        // clusters that one among large clusters settles
-    GRAIN = 32
+    REACH = 300,       // vertices that a search for a path settles
+    FORESTS = 8,       // of clusters, at most, in one round
+    GRAIN = 32,
+    BATCH = 64 // paths that are sought at a time
 };
 #define MIN_VIOLATION 0.01
 #define NEGLIGIBLE    0.01F // violation of edges within a cluster
@@ -31,10 +34,15 @@ typedef struct heap_item {
     uint32_t node;
 } heap_item;
 
+typedef struct heap {
+    heap_item *items;
+    size_t count;
+} heap;
+
+// The second side is for searches from two ends.
 typedef struct pci_cluster_searcher {
-    node *nodes;
-    heap_item *heap;
-    size_t heap_count;
+    node *nodes[2];
+    heap heaps[2];
     uint32_t time;
     uint64_t visited;
 } searcher;
@@ -42,7 +50,7 @@ typedef struct pci_cluster_searcher {
 typedef struct pci_found_cycle {
     double length;
     uint32_t count; // of edges; 0: none
-    uint32_t slot;  // root, or number of roots + closing edge
+    uint32_t slot;  // where it is stored, or number of those + closing edge
 } found_cycle;
 
 // ---- heap ---------------------------------------------------------------------------------------
@@ -51,30 +59,30 @@ static bool before(heap_item a, heap_item b) {
     return a.distance < b.distance || (a.distance <= b.distance && a.node < b.node);
 }
 
-static void heap_push(searcher *x, heap_item item) {
-    size_t k = x->heap_count++;
-    for (; k > 0 && before(item, x->heap[(k - 1) / 2]); k = (k - 1) / 2) {
-        x->heap[k] = x->heap[(k - 1) / 2];
+static void heap_push(heap *x, heap_item item) {
+    size_t k = x->count++;
+    for (; k > 0 && before(item, x->items[(k - 1) / 2]); k = (k - 1) / 2) {
+        x->items[k] = x->items[(k - 1) / 2];
     }
-    x->heap[k] = item;
+    x->items[k] = item;
 }
 
-static heap_item heap_pop(searcher *x) {
-    const heap_item top = x->heap[0], last = x->heap[--x->heap_count];
+static heap_item heap_pop(heap *x) {
+    const heap_item top = x->items[0], last = x->items[--x->count];
     size_t k = 0;
     for (;;) {
         size_t child = 2 * k + 1;
-        if (child >= x->heap_count) {
+        if (child >= x->count) {
             break;
         }
-        child += child + 1 < x->heap_count && before(x->heap[child + 1], x->heap[child]) ? 1 : 0;
-        if (!before(x->heap[child], last)) {
+        child += child + 1 < x->count && before(x->items[child + 1], x->items[child]) ? 1 : 0;
+        if (!before(x->items[child], last)) {
             break;
         }
-        x->heap[k] = x->heap[child];
+        x->items[k] = x->items[child];
         k = child;
     }
-    x->heap[k] = last;
+    x->items[k] = last;
     return top;
 }
 
@@ -97,10 +105,14 @@ bool pci_cycle_search_create(pci_scratch *scratch, pci_cycle_program *program,
     s->is_root = PCI_SCRATCH(scratch, uint8_t, n);
     s->found = PCI_SCRATCH(scratch, found_cycle, n + m);
     s->used = PCI_SCRATCH(scratch, uint32_t, m);
+    s->lengths = PCI_SCRATCH(scratch, float, m);
+    s->violated = PCI_SCRATCH(scratch, uint32_t, m);
     s->searchers = PCI_SCRATCH(scratch, searcher, threads);
     for (uint32_t k = 0; k < threads && !scratch->failed; ++k) {
-        s->searchers[k].nodes = PCI_SCRATCH(scratch, node, n);
-        s->searchers[k].heap = PCI_SCRATCH(scratch, heap_item, 2 * m + 1);
+        for (size_t side = 0; side < 2; ++side) {
+            s->searchers[k].nodes[side] = PCI_SCRATCH(scratch, node, n);
+            s->searchers[k].heaps[side].items = PCI_SCRATCH(scratch, heap_item, 2 * m + 1);
+        }
     }
     return !scratch->failed && pci_signed_graph_rows(scratch, graph, &s->rows);
 }
@@ -239,14 +251,15 @@ static found_cycle assess(const cycle *c, size_t slot) {
 // in the tree of shortest paths, and lies less than half its length away.
 static void find_cycle(pci_cycle_search *s, searcher *x, size_t slot) {
     const uint32_t time = ++x->time, root = s->roots[slot];
-    node *nodes = x->nodes;
+    node *nodes = x->nodes[0];
+    heap *open = &x->heaps[0];
     float best = 1.0F;
     uint32_t ends[2] = {0, 0}, closing = PC_INVALID_INDEX;
-    x->heap_count = 0;
+    open->count = 0;
     nodes[root] = (node){.time = time};
-    heap_push(x, (heap_item){0.0F, root});
-    for (size_t settled = 0; x->heap_count != 0 && settled < s->max_settled;) {
-        const heap_item item = heap_pop(x);
+    heap_push(open, (heap_item){0.0F, root});
+    for (size_t settled = 0; open->count != 0 && settled < s->max_settled;) {
+        const heap_item item = heap_pop(open);
         const uint32_t v = item.node;
         if (2.0F * item.distance >= best) {
             break;
@@ -276,7 +289,7 @@ static void find_cycle(pci_cycle_search *s, searcher *x, size_t slot) {
                             .depth = nodes[v].depth + 1,
                             .time = time,
                             .parity = parity};
-                heap_push(x, (heap_item){distance, a.head});
+                heap_push(open, (heap_item){distance, a.head});
             }
         }
     }
@@ -291,6 +304,87 @@ static void find_cycles(void *user, size_t begin, size_t end, uint32_t worker) {
     pci_cycle_search *s = user;
     for (size_t slot = begin; slot < end; ++slot) {
         find_cycle(s, &s->searchers[worker], slot);
+    }
+}
+
+// One step of a search from both ends of an edge, from side `k`: returns the vertex where a shorter
+// path of less than `best` joins both sides, or PC_INVALID_INDEX.
+static uint32_t step_path(const pci_cycle_search *s, searcher *x, size_t k, float *best) {
+    uint32_t meeting = PC_INVALID_INDEX;
+    const heap_item item = heap_pop(&x->heaps[k]);
+    const uint32_t v = item.node;
+    if (x->nodes[k][v].settled) {
+        return meeting;
+    }
+    x->nodes[k][v].settled = 1;
+    x->visited += s->rows.offsets[v + 1] - s->rows.offsets[v];
+    for (size_t r = s->rows.offsets[v]; r < s->rows.offsets[v + 1]; ++r) {
+        const uint32_t e = s->rows.edges[r];
+        const float distance = item.distance + s->lengths[e];
+        if (!(distance < *best)) {
+            continue;
+        }
+        const uint32_t w = pci_signed_other(&s->program->graph->edges[e], v);
+        node *mine = &x->nodes[k][w];
+        const node *other = &x->nodes[1 - k][w];
+        if (mine->time == x->time && (mine->settled || mine->distance <= distance)) {
+            continue;
+        }
+        *mine = (node){.distance = distance, .via = e, .time = x->time};
+        heap_push(&x->heaps[k], (heap_item){distance, w});
+        if (other->time == x->time && other->distance + distance < *best) {
+            *best = other->distance + distance;
+            meeting = w;
+        }
+    }
+    return meeting;
+}
+
+// The cycle that an edge closes with the shortest way from one end to the other, if that is shorter
+// than `limit` and not too far around. Edges of infinite length are left out.
+static void find_path(const pci_cycle_search *s, searcher *x, uint32_t edge, float limit,
+                      cycle *c) {
+    const pci_signed_edge *edges = s->program->graph->edges;
+    const uint32_t ends[2] = {edges[edge].a, edges[edge].b};
+    uint32_t meeting = PC_INVALID_INDEX;
+    ++x->time;
+    for (size_t k = 0; k < 2; ++k) {
+        x->heaps[k].count = 0;
+        x->nodes[k][ends[k]] = (node){.via = PC_INVALID_INDEX, .time = x->time};
+        heap_push(&x->heaps[k], (heap_item){0.0F, ends[k]});
+    }
+    for (size_t steps = 0; steps < REACH; ++steps) {
+        const heap *h = x->heaps;
+        if (h[0].count == 0 || h[1].count == 0 ||
+            h[0].items[0].distance + h[1].items[0].distance >= limit) {
+            break;
+        }
+        const size_t k = h[0].items[0].distance <= h[1].items[0].distance ? 0 : 1;
+        const uint32_t met = step_path(s, x, k, &limit);
+        meeting = met != PC_INVALID_INDEX ? met : meeting;
+    }
+    if (meeting == PC_INVALID_INDEX) {
+        return;
+    }
+    append(s, c, edge);
+    for (size_t k = 0; k < 2; ++k) {
+        for (uint32_t v = meeting; x->nodes[k][v].via != PC_INVALID_INDEX;) {
+            append(s, c, x->nodes[k][v].via);
+            v = pci_signed_other(&edges[x->nodes[k][v].via], v);
+        }
+    }
+}
+
+static void find_paths(void *user, size_t begin, size_t end, uint32_t worker) {
+    pci_cycle_search *s = user;
+    for (size_t slot = begin; slot < end; ++slot) {
+        const uint32_t e = s->batch[slot];
+        cycle c = {.edges = &s->cycles[slot * LONGEST]};
+        if (s->used[e] < CUTS_PER_EDGE) {
+            find_path(s, &s->searchers[worker], e, (float)(1.0 - MIN_VIOLATION) - s->program->y[e],
+                      &c);
+        }
+        s->found[slot] = assess(&c, slot);
     }
 }
 
@@ -319,8 +413,9 @@ static void choose_roots(pci_cycle_search *s, const uint8_t *labels) {
     }
 }
 
-// Adds cycles, most violated first, at most a few through each edge.
-static bool add_found(pci_cycle_search *s, size_t count, size_t *added) {
+// Adds cycles, most violated first, at most a few through each edge. Those in slots below `stored`
+// are in `cycles`.
+static bool add_found(pci_cycle_search *s, size_t count, size_t stored, size_t *added) {
     uint32_t edges[LONGEST];
     if (count > 1) {
         qsort(s->found, count, sizeof(*s->found), compare_found);
@@ -328,10 +423,10 @@ static bool add_found(pci_cycle_search *s, size_t count, size_t *added) {
     for (size_t i = 0; i < count; ++i) {
         const found_cycle *f = &s->found[i];
         cycle c = {.edges = edges};
-        if (f->slot < s->root_count) {
+        if (f->slot < stored) {
             c.edges = &s->cycles[(size_t)f->slot * LONGEST];
         } else {
-            close_within(s, (uint32_t)(f->slot - s->root_count), &c);
+            close_within(s, (uint32_t)(f->slot - stored), &c);
         }
         bool fresh = true;
         for (size_t j = 0; j < f->count && fresh; ++j) {
@@ -348,10 +443,21 @@ static bool add_found(pci_cycle_search *s, size_t count, size_t *added) {
     return true;
 }
 
+// Closes the gaps between the found cycles; returns their number.
+static size_t drop_empty(pci_cycle_search *s, size_t slots) {
+    size_t count = 0;
+    for (size_t slot = 0; slot < slots; ++slot) {
+        s->found[count] = s->found[slot];
+        count += s->found[slot].count != 0;
+    }
+    return count;
+}
+
 static bool search(pci_cycle_search *s, const uint8_t *labels, float limit, uint32_t round,
                    size_t *added) {
     const pci_signed_graph *graph = s->program->graph;
     pci_scratch *scratch = s->program->scratch;
+    memset(s->used, 0, graph->edge_count * sizeof(*s->used));
     make_clusters(s, limit, round);
     choose_roots(s, labels);
     if (!pci_scratch_reserve(scratch, (void **)&s->cycles, &s->cycle_capacity,
@@ -359,11 +465,7 @@ static bool search(pci_cycle_search *s, const uint8_t *labels, float limit, uint
         return false;
     }
     pci_parallel_for(scratch->context, s->root_count, GRAIN, find_cycles, s);
-    size_t count = 0;
-    for (size_t slot = 0; slot < s->root_count; ++slot) {
-        s->found[count] = s->found[slot];
-        count += s->found[slot].count != 0;
-    }
+    size_t count = drop_empty(s, s->root_count);
     uint32_t edges[LONGEST];
     for (uint32_t e = 0; e < graph->edge_count && limit >= 0.0F; ++e) {
         const pci_signed_edge *edge = &graph->edges[e];
@@ -375,21 +477,108 @@ static bool search(pci_cycle_search *s, const uint8_t *labels, float limit, uint
             count += s->found[count].count != 0;
         }
     }
-    return add_found(s, count, added);
+    return add_found(s, count, s->root_count, added);
+}
+
+// The edges whose wishes the labels do not grant, without those at the ground; all others may be
+// parts of paths. Returns their number.
+static size_t find_violated(pci_cycle_search *s, const uint8_t *labels) {
+    const pci_signed_graph *graph = s->program->graph;
+    size_t count = 0;
+    for (uint32_t e = 0; e < graph->edge_count; ++e) {
+        const pci_signed_edge *edge = &graph->edges[e];
+        const bool violated = (labels[edge->a] != labels[edge->b]) != edge->opposite;
+        if (violated && edge->a != PCI_GROUND) {
+            s->violated[count++] = e;
+        }
+        s->lengths[e] = violated || edge->a == PCI_GROUND ? INFINITY : 0.0F;
+    }
+    return count;
+}
+
+// Closes edges that the labels violate by shortest paths of edges that they do not violate. Edges
+// with enough cycles in this round are avoided, so that the paths spread. `round` varies ties.
+static bool search_paths(pci_cycle_search *s, const uint8_t *labels, uint32_t round,
+                         size_t *added) {
+    pci_scratch *scratch = s->program->scratch;
+    const size_t m = s->program->graph->edge_count;
+    const size_t count = find_violated(s, labels);
+    if (!pci_scratch_reserve(scratch, (void **)&s->cycles, &s->cycle_capacity, BATCH * LONGEST,
+                             sizeof(*s->cycles))) {
+        return false;
+    }
+    memset(s->used, 0, m * sizeof(*s->used));
+    for (size_t e = 0; e < m; ++e) {
+        s->lengths[e] +=
+            s->program->y[e] + (float)(HOP_LENGTH * (1.0 + 0.5 * pci_random(round, 5, e)));
+    }
+    for (size_t begin = 0; begin < count; begin += BATCH) {
+        const size_t size = count - begin < BATCH ? count - begin : BATCH;
+        s->batch = &s->violated[begin];
+        pci_parallel_for(scratch->context, size, GRAIN / 4, find_paths, s);
+        if (!add_found(s, drop_empty(s, size), size, added)) {
+            return false;
+        }
+        for (size_t e = 0; e < m; ++e) {
+            s->lengths[e] = s->used[e] < CUTS_PER_EDGE ? s->lengths[e] : INFINITY;
+        }
+    }
+    return true;
+}
+
+static uint64_t take_work(pci_cycle_search *s) {
+    uint64_t work = 0;
+    for (uint32_t k = 0; k < pc_context_threads(s->program->scratch->context); ++k) {
+        work += s->searchers[k].visited;
+        s->searchers[k].visited = 0;
+    }
+    return work;
 }
 
 bool pci_cycle_search_run(pci_cycle_search *s, const uint8_t *labels, uint32_t round, size_t *added,
                           uint64_t *work) {
-    memset(s->used, 0, s->program->graph->edge_count * sizeof(*s->used));
     *added = 0;
-    // Short cycles from single vertices; then, between large clusters without violation, long ones.
+    // Short cycles from single vertices; then, between large clusters without violation, long ones,
+    // along several forests, so that they do not all crowd on the same few edges. The first rounds
+    // find enough with fewer.
     s->max_settled = BALL;
     bool ok = search(s, labels, -1.0F, round, added);
     s->max_settled = FAR;
-    ok = ok && search(s, labels, NEGLIGIBLE, round, added);
-    for (uint32_t k = 0; k < pc_context_threads(s->program->scratch->context); ++k) {
-        *work += s->searchers[k].visited;
-        s->searchers[k].visited = 0;
+    for (uint32_t k = 0; k < FORESTS && k <= round && ok; ++k) {
+        ok = search(s, labels, NEGLIGIBLE, FORESTS * round + k, added);
     }
+    ok = ok && search_paths(s, labels, round, added);
+    *work += take_work(s);
     return ok;
+}
+
+int64_t pci_cycle_search_fill(pci_cycle_search *s, const uint8_t *labels, int64_t *capacities,
+                              uint64_t *work) {
+    const size_t m = s->program->graph->edge_count, count = find_violated(s, labels);
+    int64_t total = 0;
+    for (size_t e = 0; e < m; ++e) {
+        s->lengths[e] += capacities[e] > 0 ? 1.0F : INFINITY;
+    }
+    for (size_t i = 0; i < count; ++i) {
+        const uint32_t e = s->violated[i];
+        while (capacities[e] > 0) {
+            uint32_t edges[LONGEST];
+            cycle c = {.edges = edges};
+            find_path(s, &s->searchers[0], e, LONGEST, &c);
+            if (c.count == 0) {
+                break;
+            }
+            int64_t amount = capacities[e];
+            for (uint32_t k = 0; k < c.count; ++k) {
+                amount = capacities[edges[k]] < amount ? capacities[edges[k]] : amount;
+            }
+            for (uint32_t k = 0; k < c.count; ++k) {
+                capacities[edges[k]] -= amount;
+                s->lengths[edges[k]] = capacities[edges[k]] > 0 ? s->lengths[edges[k]] : INFINITY;
+            }
+            total += amount;
+        }
+    }
+    *work += take_work(s);
+    return total;
 }

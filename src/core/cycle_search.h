@@ -27,6 +27,10 @@ typedef struct pci_cycle_search {
     uint32_t *cycles; // edges, a fixed number for each root
     size_t cycle_capacity;
     uint32_t *used; // new cycles through an edge
+    // Paths that close edges.
+    float *lengths; // of the edges
+    uint32_t *violated;
+    const uint32_t *batch;
 } pci_cycle_search;
 
 // Everything comes from `scratch`. False: out of memory.
@@ -38,5 +42,10 @@ bool pci_cycle_search_create(pci_scratch *scratch, pci_cycle_program *program,
 // the number of visited arcs to `work`. False: out of memory.
 bool pci_cycle_search_run(pci_cycle_search *search, const uint8_t *labels, uint32_t round,
                           size_t *added, uint64_t *work);
+
+// Packs cycles that still fit into the capacities, of one edge each that the labels violate, and
+// subtracts them. Returns the sum of their amounts.
+int64_t pci_cycle_search_fill(pci_cycle_search *search, const uint8_t *labels, int64_t *capacities,
+                              uint64_t *work);
 
 #endif

@@ -298,13 +298,13 @@ bool pci_mesh_repair(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *k
     r.triangles = PCI_SCRATCH(scratch, uint32_t, 3 * nf);
     fan_edge *edges = PCI_SCRATCH(scratch, fan_edge, 3 * nf);
     if (scratch->failed || !drop_degenerate(&r, keep) ||
-        !pci_topology_build(scratch, mesh, &r.topology)) {
+        !pci_topology_build_watched(scratch, mesh, &r.topology)) {
         return false;
     }
     // A removal can free a better pairing, so everything else is decided anew.
     do {
         glue_edges(&r);
-        if (!orient(&r)) {
+        if (!pci_keep_going(scratch->context) || !orient(&r) || !pci_keep_going(scratch->context)) {
             return false;
         }
         find_fans(&r);
@@ -312,5 +312,5 @@ bool pci_mesh_repair(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *k
     for (size_t t = 0; t < nf; ++t) {
         counts->removed_triangles += (keep == NULL || keep[t]) && !r.alive[t];
     }
-    return write_result(&r, result, counts);
+    return pci_keep_going(scratch->context) && write_result(&r, result, counts);
 }

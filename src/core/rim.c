@@ -24,11 +24,21 @@ static void add_area(ball *b, const double corners[3][3], double share) {
     }
 }
 
+// Whether a triangle without a corner in the ball reaches into it. `longest` is its squared longest
+// edge; no point of a triangle is farther than that from a corner.
+static bool reaches(const ball *b, const double corners[3][3], double longest) {
+    double weights[3];
+    const double apart = sqrt(pci_squared_distance(corners[0], b->centre));
+    return apart <= b->radius + sqrt(longest) &&
+           pci_triangle_squared_distance(b->centre, corners[0], corners[1], corners[2], weights) <=
+               b->radius * b->radius;
+}
+
 // Adds the part of a triangle inside the ball: halves triangles that reach outside until they are
 // small against the radius.
 static void add_triangle(ball *b, const double corners[3][3], int depth) {
     const double square = b->radius * b->radius;
-    double longest = -1.0, weights[3];
+    double longest = -1.0;
     size_t inside = 0, split = 0;
     for (size_t k = 0; k < 3; ++k) {
         inside += pci_squared_distance(corners[k], b->centre) <= square;
@@ -42,8 +52,7 @@ static void add_triangle(ball *b, const double corners[3][3], int depth) {
         add_area(b, corners, 1.0);
     } else if (longest <= square / 16.0 || depth == 0) {
         add_area(b, corners, (double)inside / 3.0);
-    } else if (pci_triangle_squared_distance(b->centre, corners[0], corners[1], corners[2],
-                                             weights) <= square) {
+    } else if (inside > 0 || reaches(b, corners, longest)) {
         double half[3][3];
         const size_t next = (split + 1) % 3;
         for (size_t side = 0; side < 2; ++side) {

@@ -59,7 +59,7 @@ static bool make_cover(pci_scratch *scratch, const pci_signed_graph *graph,
     c->net.heads = c->heads;
     c->net.offsets = c->offsets;
     c->net.arcs = c->arcs;
-    return true;
+    return pci_keep_going(scratch->context);
 }
 
 // Strongly connected components of the symmetric residual network without the labelled nodes, by

@@ -91,6 +91,8 @@ const pci_array_info pci_arrays[] = {
           OPTIONAL),
     NAMES("joint_names", JOINTS, character.joint_names),
     ARRAY(0, "joint_centers", F64, JOINTS, 3, character.joint_centers, FINITE, OPTIONAL),
+    ARRAY(0, "joint_parents", U32, JOINTS, 1, character.joint_parents, .values = PCI_VALUES_ANY,
+          OPTIONAL),
     ARRAY(0, "joints", U32, CORNERS, 4, visual.joints, INDEX(JOINTS), OPTIONAL),
     ARRAY(0, "joint_weights", F32, CORNERS, 4, visual.joint_weights, .values = PCI_VALUES_SHARE,
           OPTIONAL),
@@ -302,6 +304,11 @@ static bool check_character(const pc_asset *asset, char *problem, size_t problem
         (visual->joints == NULL) != (visual->joint_weights == NULL) ||
         (visual->triangle_parts != NULL && visual->part_names == NULL)) {
         return report(problem, problem_size, "an array of joints, clips or parts is missing");
+    }
+    for (size_t j = 0; c->joint_parents != NULL && j < c->joint_count; ++j) {
+        if (c->joint_parents[j] >= j && c->joint_parents[j] != PC_INVALID_INDEX) {
+            return report(problem, problem_size, "joint %zu of /visual hangs on a later one", j);
+        }
     }
     for (size_t i = 0; i < c->clip_count; ++i) {
         const uint32_t *range = &c->clip_poses[2 * i];

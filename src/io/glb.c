@@ -6,43 +6,20 @@
 #include "core/topology.h"
 #include "io/asset_table.h"
 #include "io/atomic_file.h"
+#include "io/glb_writer.h"
 #include "io/json.h"
 #include "proxycloth/export.h"
 #include "proxycloth/version.h"
 
 #define STAGE "export"
 
-enum {
-    GL_UNSIGNED_BYTE = 5121,
-    GL_UNSIGNED_SHORT = 5123,
-    GL_UNSIGNED_INT = 5125,
-    GL_FLOAT = 5126,
-    GL_ARRAY_BUFFER = 34962,
-    GL_ELEMENT_ARRAY_BUFFER = 34963
-};
 #define LARGEST_JOINT_COUNT 65536
-#define NAME_LIMIT          40 // bytes; Blender cuts names at 63
 
-// The two chunks under construction.
-typedef struct glb_writer {
-    pc_context *context;
-    const pc_asset *asset;
-    pci_scratch scratch;
-    pci_json json;
-    cJSON *accessors, *views, *meshes, *materials;
-    uint32_t accessor_count, view_count, material_count;
-    unsigned char *bytes;
-    size_t size, capacity;
-    char name[NAME_LIMIT + 1]; // prefix of all node names
-} glb_writer;
-
-static bool failed(const glb_writer *glb) { return glb->scratch.failed || glb->json.failed; }
+static bool failed(const pci_glb *glb) { return glb->scratch.failed || glb->json.failed; }
 
 // ---- buffer -----------------------------------------------------------------------------------
 
-// Appends a buffer view, aligned to 4 bytes. The memory stays valid until the next view; NULL when
-// memory ran out.
-static void *add_view(glb_writer *glb, size_t size, int target) {
+void *pci_glb_add_view(pci_glb *glb, size_t size, int target) {
     const size_t offset = (glb->size + 3) & ~(size_t)3;
     void *bytes = glb->bytes;
     if (!pci_scratch_reserve(&glb->scratch, &bytes, &glb->capacity, offset + size, 1)) {
@@ -61,9 +38,8 @@ static void *add_view(glb_writer *glb, size_t size, int target) {
     return glb->bytes + offset;
 }
 
-// Describes a part of the last view. Returns the accessor's JSON; its index is accessor_count - 1.
-static cJSON *add_accessor(glb_writer *glb, size_t offset, int component, size_t count,
-                           const char *type) {
+cJSON *pci_glb_add_accessor(pci_glb *glb, size_t offset, int component, size_t count,
+                            const char *type) {
     cJSON *accessor = pci_json_object(&glb->json, glb->accessors, NULL);
     pci_json_count(&glb->json, accessor, "bufferView", glb->view_count - 1);
     if (offset != 0) {
@@ -76,30 +52,29 @@ static cJSON *add_accessor(glb_writer *glb, size_t offset, int component, size_t
     return accessor;
 }
 
-// A view of its own for `count` tuples of floats.
-static float *add_floats(glb_writer *glb, size_t count, uint32_t tuple, int target,
-                         cJSON **accessor) {
+float *pci_glb_add_floats(pci_glb *glb, size_t count, uint32_t tuple, int target,
+                          cJSON **accessor) {
     static const char *const types[17] = {
         [1] = "SCALAR", [2] = "VEC2", [3] = "VEC3", [4] = "VEC4", [16] = "MAT4"};
-    float *values = add_view(glb, count * tuple * sizeof(float), target);
+    float *values = pci_glb_add_view(glb, count * tuple * sizeof(float), target);
     if (values == NULL) {
         return NULL;
     }
-    *accessor = add_accessor(glb, 0, GL_FLOAT, count, types[tuple]);
+    *accessor = pci_glb_add_accessor(glb, 0, GL_FLOAT, count, types[tuple]);
     return values;
 }
 
 // Vertex data as an attribute of a primitive.
-static float *add_attribute(glb_writer *glb, cJSON *attributes, const char *name, size_t count,
+static float *add_attribute(pci_glb *glb, cJSON *attributes, const char *name, size_t count,
                             uint32_t tuple) {
     cJSON *accessor = NULL;
-    float *values = add_floats(glb, count, tuple, GL_ARRAY_BUFFER, &accessor);
+    float *values = pci_glb_add_floats(glb, count, tuple, GL_ARRAY_BUFFER, &accessor);
     pci_json_count(&glb->json, attributes, name, glb->accessor_count - 1);
     return values;
 }
 
-static void add_limits(glb_writer *glb, cJSON *accessor, const float *values, size_t count,
-                       size_t tuple) {
+void pci_glb_add_limits(pci_glb *glb, cJSON *accessor, const float *values, size_t count,
+                        size_t tuple) {
     cJSON *minimum = pci_json_array(&glb->json, accessor, "min");
     cJSON *maximum = pci_json_array(&glb->json, accessor, "max");
     for (size_t k = 0; k < tuple; ++k) {
@@ -114,11 +89,11 @@ static void add_limits(glb_writer *glb, cJSON *accessor, const float *values, si
     }
 }
 
-static void add_indices(glb_writer *glb, cJSON *primitive, const uint32_t *indices, size_t count,
+static void add_indices(pci_glb *glb, cJSON *primitive, const uint32_t *indices, size_t count,
                         size_t vertex_count) {
     // The largest index of a type restarts strips and is not allowed.
     const bool narrow = vertex_count <= UINT16_MAX;
-    void *bytes = add_view(glb, count * (narrow ? 2 : 4), GL_ELEMENT_ARRAY_BUFFER);
+    void *bytes = pci_glb_add_view(glb, count * (narrow ? 2 : 4), GL_ELEMENT_ARRAY_BUFFER);
     if (bytes == NULL) {
         return;
     }
@@ -129,7 +104,7 @@ static void add_indices(glb_writer *glb, cJSON *primitive, const uint32_t *indic
             ((uint32_t *)bytes)[i] = indices[i];
         }
     }
-    add_accessor(glb, 0, narrow ? GL_UNSIGNED_SHORT : GL_UNSIGNED_INT, count, "SCALAR");
+    pci_glb_add_accessor(glb, 0, narrow ? GL_UNSIGNED_SHORT : GL_UNSIGNED_INT, count, "SCALAR");
     pci_json_count(&glb->json, primitive, "indices", glb->accessor_count - 1);
 }
 
@@ -206,7 +181,7 @@ static uint32_t round_row(uint32_t whole, uint32_t used, double *remainders, uin
     return kept;
 }
 
-static void pack_weights(glb_writer *glb, const pc_skin *skin, packed_weights *result) {
+static void pack_weights(pci_glb *glb, const pc_skin *skin, packed_weights *result) {
     const uint32_t influences = skin->influences;
     const size_t slots = skin->vertex_count * influences;
     uint32_t *joints = PCI_SCRATCH(&glb->scratch, uint32_t, slots);
@@ -240,7 +215,7 @@ static void pack_weights(glb_writer *glb, const pc_skin *skin, packed_weights *r
     }
 }
 
-static void add_weight_set(glb_writer *glb, cJSON *attributes, const char *name,
+static void add_weight_set(pci_glb *glb, cJSON *attributes, const char *name,
                            const packed_weights *packed, uint32_t set, const uint32_t *rows,
                            size_t count) {
     float *floats = NULL;
@@ -249,9 +224,9 @@ static void add_weight_set(glb_writer *glb, cJSON *attributes, const char *name,
         floats = add_attribute(glb, attributes, name, count, 4);
     } else {
         const bool narrow = packed->whole == UINT8_MAX;
-        bytes = add_view(glb, count * (narrow ? 4 : 8), GL_ARRAY_BUFFER);
-        cJSON *accessor =
-            add_accessor(glb, 0, narrow ? GL_UNSIGNED_BYTE : GL_UNSIGNED_SHORT, count, "VEC4");
+        bytes = pci_glb_add_view(glb, count * (narrow ? 4 : 8), GL_ARRAY_BUFFER);
+        cJSON *accessor = pci_glb_add_accessor(
+            glb, 0, narrow ? GL_UNSIGNED_BYTE : GL_UNSIGNED_SHORT, count, "VEC4");
         pci_json_bool(&glb->json, accessor, "normalized", true);
         pci_json_count(&glb->json, attributes, name, glb->accessor_count - 1);
     }
@@ -269,7 +244,7 @@ static void add_weight_set(glb_writer *glb, cJSON *attributes, const char *name,
 }
 
 // What stands for a weight of 1 in the file.
-static uint32_t weight_whole(const glb_writer *glb) {
+static uint32_t weight_whole(const pci_glb *glb) {
     switch (glb->asset->options.skin.weight_storage) {
     case PC_SKIN_WEIGHTS_U8:
         return UINT8_MAX;
@@ -281,12 +256,12 @@ static uint32_t weight_whole(const glb_writer *glb) {
 }
 
 // JOINTS_n and WEIGHTS_n for the vertices `rows` (NULL: all in order) of the packed weights.
-static void add_weights(glb_writer *glb, cJSON *attributes, const packed_weights *packed,
+static void add_weights(pci_glb *glb, cJSON *attributes, const packed_weights *packed,
                         const uint32_t *rows, size_t count) {
-    const bool narrow = glb->asset->proxy.vertex_count <= 256;
+    const bool narrow = pci_glb_joint_count(glb) <= 256;
     for (uint32_t set = 0; set < packed->slots / 4; ++set) {
         char name[32];
-        unsigned char *joints = add_view(glb, count * (narrow ? 4 : 8), GL_ARRAY_BUFFER);
+        unsigned char *joints = pci_glb_add_view(glb, count * (narrow ? 4 : 8), GL_ARRAY_BUFFER);
         if (joints == NULL) {
             return;
         }
@@ -299,7 +274,7 @@ static void add_weights(glb_writer *glb, cJSON *attributes, const packed_weights
                 ((uint16_t *)(void *)joints)[i] = (uint16_t)joint;
             }
         }
-        add_accessor(glb, 0, narrow ? GL_UNSIGNED_BYTE : GL_UNSIGNED_SHORT, count, "VEC4");
+        pci_glb_add_accessor(glb, 0, narrow ? GL_UNSIGNED_BYTE : GL_UNSIGNED_SHORT, count, "VEC4");
         snprintf(name, sizeof(name), "JOINTS_%u", set);
         pci_json_count(&glb->json, attributes, name, glb->accessor_count - 1);
 
@@ -315,7 +290,7 @@ static float unit_interval(float value) {
 }
 
 // Adds a material and returns its index.
-static uint32_t add_material(glb_writer *glb, const pc_material *material, const char *name) {
+static uint32_t add_material(pci_glb *glb, const pc_material *material, const char *name) {
     cJSON *object = pci_json_object(&glb->json, glb->materials, NULL);
     pci_json_string(&glb->json, object, "name", name);
     cJSON *factors = pci_json_object(&glb->json, object, "pbrMetallicRoughness");
@@ -334,17 +309,17 @@ static uint32_t add_material(glb_writer *glb, const pc_material *material, const
     return glb->material_count++;
 }
 
-static void add_positions(glb_writer *glb, cJSON *attributes, const double *positions,
+static void add_positions(pci_glb *glb, cJSON *attributes, const double *positions,
                           const uint32_t *rows, size_t count) {
     cJSON *accessor = NULL;
-    float *values = add_floats(glb, count, 3, GL_ARRAY_BUFFER, &accessor);
+    float *values = pci_glb_add_floats(glb, count, 3, GL_ARRAY_BUFFER, &accessor);
     if (values == NULL) {
         return;
     }
     for (size_t i = 0; i < 3 * count; ++i) {
         values[i] = (float)positions[3 * (rows != NULL ? rows[i / 3] : i / 3) + i % 3];
     }
-    add_limits(glb, accessor, values, count, 3);
+    pci_glb_add_limits(glb, accessor, values, count, 3);
     pci_json_count(&glb->json, attributes, "POSITION", glb->accessor_count - 1);
 }
 
@@ -362,7 +337,7 @@ static void choose_normal(const double first[3], const double second[3], float n
     }
 }
 
-static void add_visual_attributes(glb_writer *glb, cJSON *attributes, const uint32_t *corners,
+static void add_visual_attributes(pci_glb *glb, cJSON *attributes, const uint32_t *corners,
                                   const uint32_t *vertices, size_t count,
                                   const double *smooth_normals, const packed_weights *packed) {
     const pc_visual *visual = &glb->asset->visual;
@@ -390,7 +365,7 @@ static void add_visual_attributes(glb_writer *glb, cJSON *attributes, const uint
     add_weights(glb, attributes, packed, vertices, count);
 }
 
-static cJSON *add_mesh(glb_writer *glb, const char *name) {
+static cJSON *add_mesh(pci_glb *glb, const char *name) {
     cJSON *mesh = pci_json_object(&glb->json, glb->meshes, NULL);
     pci_json_string(&glb->json, mesh, "name", name);
     return pci_json_array(&glb->json, mesh, "primitives");
@@ -405,7 +380,7 @@ typedef struct primitive_arrays {
 } primitive_arrays;
 
 // One primitive: the triangles of one material with the split vertices that they use, in order.
-static void add_visual_primitive(glb_writer *glb, cJSON *primitives, uint32_t material,
+static void add_visual_primitive(pci_glb *glb, cJSON *primitives, uint32_t material,
                                  const primitive_arrays *arrays, const double *smooth_normals,
                                  const packed_weights *packed) {
     const pc_visual *visual = &glb->asset->visual;
@@ -440,7 +415,7 @@ static void add_visual_primitive(glb_writer *glb, cJSON *primitives, uint32_t ma
     pci_json_count(&glb->json, primitive, "material", add_material(glb, look, look->name));
 }
 
-static void add_visual_mesh(glb_writer *glb) {
+static void add_visual_mesh(pci_glb *glb) {
     const pc_visual *visual = &glb->asset->visual;
     pci_scratch *scratch = &glb->scratch;
     const primitive_arrays arrays = {
@@ -450,7 +425,12 @@ static void add_visual_mesh(glb_writer *glb) {
         .indices = PCI_SCRATCH(scratch, uint32_t, 3 * visual->surface.triangle_count)};
     double *smooth_normals = PCI_SCRATCH(scratch, double, 3 * visual->surface.vertex_count);
     packed_weights packed = {.whole = weight_whole(glb)};
-    pack_weights(glb, &glb->asset->skin, &packed);
+    pc_skin mixed = glb->asset->skin;
+    pci_glb_mix_body(glb, &mixed);
+    if (scratch->failed) {
+        return;
+    }
+    pack_weights(glb, &mixed, &packed);
     if (scratch->failed) {
         return;
     }
@@ -462,7 +442,7 @@ static void add_visual_mesh(glb_writer *glb) {
 }
 
 // The proxy mesh: vertex i follows joint i alone.
-static void add_proxy_mesh(glb_writer *glb) {
+static void add_proxy_mesh(pci_glb *glb) {
     const pc_mesh *proxy = &glb->asset->proxy;
     const size_t count = proxy->vertex_count;
     double *directions = PCI_SCRATCH(&glb->scratch, double, 3 * count);
@@ -496,14 +476,14 @@ static void add_proxy_mesh(glb_writer *glb) {
 
 // ---- joints, motion -----------------------------------------------------------------------------
 
-static void add_joint_name(glb_writer *glb, cJSON *parent, const char *key, size_t joint) {
+static void add_joint_name(pci_glb *glb, cJSON *parent, const char *key, size_t joint) {
     char name[80];
     snprintf(name, sizeof(name), "%s_joint_%04zu", glb->name, joint);
     pci_json_string(&glb->json, parent, key, name);
 }
 
 // Springs of the simulation: two vertices each, and their rest lengths.
-static void add_springs(glb_writer *glb, cJSON *extras, const char *name, const uint32_t *pairs,
+static void add_springs(pci_glb *glb, cJSON *extras, const char *name, const uint32_t *pairs,
                         size_t count, double stiffness) {
     const double *positions = glb->asset->proxy.positions;
     cJSON *springs = pci_json_object(&glb->json, extras, name);
@@ -521,7 +501,7 @@ static void add_springs(glb_writer *glb, cJSON *extras, const char *name, const 
 }
 
 // Pairs of vertices across each inner edge.
-static uint32_t *bend_pairs(glb_writer *glb, const pci_topology *topology, size_t *count) {
+static uint32_t *bend_pairs(pci_glb *glb, const pci_topology *topology, size_t *count) {
     const pc_mesh *proxy = &glb->asset->proxy;
     uint32_t *pairs = PCI_SCRATCH(&glb->scratch, uint32_t, 2 * topology->edge_count);
     *count = 0;
@@ -549,7 +529,7 @@ static uint32_t *bend_pairs(glb_writer *glb, const pci_topology *topology, size_
 }
 
 // What a cloth solver of an engine needs to drive the joints itself.
-static void add_proxy_extras(glb_writer *glb, cJSON *node) {
+static void add_proxy_extras(pci_glb *glb, cJSON *node) {
     const pc_asset *asset = glb->asset;
     const pc_mesh *proxy = &asset->proxy;
     const pc_simulate_options *options = &asset->options.simulate;
@@ -582,8 +562,8 @@ static void add_proxy_extras(glb_writer *glb, cJSON *node) {
     pci_json_record(&glb->json, extras, "simulation", &pc_simulate_options_record, options);
 }
 
-// Nodes: joint i is node i, then the root of the joints, the garment, the proxy.
-static void add_nodes(glb_writer *glb) {
+// Nodes: joint i is node i, then the root of the joints, the garment, the proxy, the skeleton.
+static void add_nodes(pci_glb *glb) {
     const pc_mesh *proxy = &glb->asset->proxy;
     const size_t count = proxy->vertex_count;
     cJSON *nodes = pci_json_array(&glb->json, glb->json.root, "nodes");
@@ -604,6 +584,7 @@ static void add_nodes(glb_writer *glb) {
     for (size_t v = 0; v < count; ++v) {
         pci_json_count(&glb->json, children, NULL, v);
     }
+    pci_glb_add_body_roots(glb, children, count + 3);
     for (uint32_t mesh = 0; mesh < 2; ++mesh) {
         cJSON *node = pci_json_object(&glb->json, nodes, NULL);
         snprintf(name, sizeof(name), "%s%s", glb->name, mesh == 0 ? "" : "_proxy");
@@ -614,6 +595,7 @@ static void add_nodes(glb_writer *glb) {
             add_proxy_extras(glb, node);
         }
     }
+    pci_glb_add_body_nodes(glb, nodes, count + 3);
     cJSON *scenes = pci_json_array(&glb->json, glb->json.root, "scenes");
     cJSON *scene_nodes =
         pci_json_array(&glb->json, pci_json_object(&glb->json, scenes, NULL), "nodes");
@@ -623,20 +605,22 @@ static void add_nodes(glb_writer *glb) {
     pci_json_count(&glb->json, glb->json.root, "scene", 0);
 }
 
-static void add_skin(glb_writer *glb) {
+static void add_skin(pci_glb *glb) {
     const pc_mesh *proxy = &glb->asset->proxy;
-    const size_t count = proxy->vertex_count;
+    const size_t count = proxy->vertex_count, joint_count = pci_glb_joint_count(glb);
     cJSON *accessor = NULL;
-    float *matrices = add_floats(glb, count, 16, 0, &accessor);
+    float *matrices = pci_glb_add_floats(glb, joint_count, 16, 0, &accessor);
     if (matrices == NULL) {
         return;
     }
-    for (size_t v = 0; v < count; ++v) {
+    for (size_t v = 0; v < joint_count; ++v) {
+        const double *rest = v < count ? &proxy->positions[3 * v]
+                                       : &glb->asset->character.joint_centers[3 * (v - count)];
         float *matrix = &matrices[16 * v];
         memset(matrix, 0, 16 * sizeof(float));
         matrix[0] = matrix[5] = matrix[10] = matrix[15] = 1.0f;
         for (size_t k = 0; k < 3; ++k) {
-            matrix[12 + k] = -(float)proxy->positions[3 * v + k];
+            matrix[12 + k] = -(float)rest[k];
         }
     }
     cJSON *skins = pci_json_array(&glb->json, glb->json.root, "skins");
@@ -644,28 +628,28 @@ static void add_skin(glb_writer *glb) {
     pci_json_count(&glb->json, skin, "inverseBindMatrices", glb->accessor_count - 1);
     pci_json_count(&glb->json, skin, "skeleton", count);
     cJSON *joints = pci_json_array(&glb->json, skin, "joints");
-    for (size_t v = 0; v < count; ++v) {
-        pci_json_count(&glb->json, joints, NULL, v);
+    for (size_t v = 0; v < joint_count; ++v) {
+        pci_json_count(&glb->json, joints, NULL, v < count ? v : v + 3);
     }
 }
 
-static void add_animation(glb_writer *glb) {
+static void add_animation(pci_glb *glb) {
     const pc_motion *motion = &glb->asset->motion;
     const size_t frames = motion->frame_count, joints = motion->vertex_count;
     if (frames == 0) {
         return;
     }
     cJSON *accessor = NULL;
-    float *times = add_floats(glb, frames, 1, 0, &accessor);
+    float *times = pci_glb_add_floats(glb, frames, 1, 0, &accessor);
     if (times == NULL) {
         return;
     }
     for (size_t f = 0; f < frames; ++f) {
         times[f] = (float)((double)f * motion->frame_time);
     }
-    add_limits(glb, accessor, times, frames, 1);
+    pci_glb_add_limits(glb, accessor, times, frames, 1);
     const uint32_t input = glb->accessor_count - 1;
-    float *values = add_view(glb, joints * frames * 3 * sizeof(float), 0);
+    float *values = pci_glb_add_view(glb, joints * frames * 3 * sizeof(float), 0);
     if (values == NULL) {
         return;
     }
@@ -681,7 +665,7 @@ static void add_animation(glb_writer *glb) {
                     (float)motion->positions[3 * (f * joints + j) + k];
             }
         }
-        add_accessor(glb, j * frames * 3 * sizeof(float), GL_FLOAT, frames, "VEC3");
+        pci_glb_add_accessor(glb, j * frames * 3 * sizeof(float), GL_FLOAT, frames, "VEC3");
         cJSON *sampler = pci_json_object(&glb->json, samplers, NULL);
         pci_json_count(&glb->json, sampler, "input", input);
         pci_json_count(&glb->json, sampler, "output", glb->accessor_count - 1);
@@ -692,15 +676,16 @@ static void add_animation(glb_writer *glb) {
         pci_json_count(&glb->json, target, "node", j);
         pci_json_string(&glb->json, target, "path", "translation");
     }
+    pci_glb_add_body_channels(glb, input, channels, samplers, joints, joints + 3);
 }
 
 // ---- file -------------------------------------------------------------------------------------
 
 // Node names are paths and identifiers in engines: letters, digits, '-', '_' and what is not ASCII.
-static void choose_name(const char *asset_name, char name[NAME_LIMIT + 1]) {
+static void choose_name(const char *asset_name, char name[PCI_GLB_NAME_LIMIT + 1]) {
     size_t length = strlen(asset_name);
     // Never in the middle of a UTF-8 sequence.
-    for (length = length < NAME_LIMIT ? length : NAME_LIMIT;
+    for (length = length < PCI_GLB_NAME_LIMIT ? length : PCI_GLB_NAME_LIMIT;
          length > 0 && ((unsigned char)asset_name[length] & 0xc0) == 0x80; --length) {
     }
     memcpy(name, asset_name, length);
@@ -715,7 +700,7 @@ static void choose_name(const char *asset_name, char name[NAME_LIMIT + 1]) {
     }
 }
 
-static void build(glb_writer *glb) {
+static void build(pci_glb *glb) {
     cJSON *root = glb->json.root;
     cJSON *asset = pci_json_object(&glb->json, root, "asset");
     pci_json_string(&glb->json, asset, "version", "2.0");
@@ -751,7 +736,7 @@ static void write_chunk(FILE *stream, size_t type, const void *bytes, size_t siz
     }
 }
 
-static pc_status write_glb(glb_writer *glb, const char *path) {
+static pc_status write_glb(pci_glb *glb, const char *path) {
     if (failed(glb)) {
         return pci_fail_memory(glb->context, STAGE);
     }
@@ -781,6 +766,23 @@ static pc_status write_glb(glb_writer *glb, const char *path) {
     return status;
 }
 
+static pc_status check_joint_count(const pci_glb *glb) {
+    const size_t count = pci_glb_joint_count(glb), proxy = glb->asset->proxy.vertex_count;
+    const uint32_t allowed = glb->asset->options.skin.max_bones;
+    if (count > LARGEST_JOINT_COUNT) {
+        return pci_fail(glb->context, PC_ERROR_TOO_LARGE, STAGE,
+                        STAGE ": the proxy has %zu vertices, glTF allows %d joints", proxy,
+                        LARGEST_JOINT_COUNT);
+    }
+    if (allowed != 0 && count > allowed && count > proxy) {
+        return pci_fail(glb->context, PC_ERROR_TOO_LARGE, STAGE,
+                        STAGE ": %zu proxy vertices and %zu joints of the skeleton are more than "
+                              "max_bones = %u",
+                        proxy, count - proxy, allowed);
+    }
+    return PC_OK;
+}
+
 pc_status pc_export_glb(pc_context *context, const pc_asset *asset, const char *path) {
     if (context == NULL) {
         return PC_ERROR_INVALID_ARGUMENT;
@@ -793,17 +795,21 @@ pc_status pc_export_glb(pc_context *context, const pc_asset *asset, const char *
     if (!pci_asset_check(asset, problem, sizeof(problem))) {
         return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, STAGE, STAGE ": %s", problem);
     }
-    if (asset->proxy.vertex_count > LARGEST_JOINT_COUNT) {
-        return pci_fail(context, PC_ERROR_TOO_LARGE, STAGE,
-                        STAGE ": the proxy has %zu vertices, glTF allows %d joints",
-                        asset->proxy.vertex_count, LARGEST_JOINT_COUNT);
+    pci_glb glb = {.context = context, .asset = asset, .scratch = pci_scratch_begin(context)};
+    pc_status status =
+        pc_body_skin_create(context, &asset->visual, &asset->character, &asset->proxy,
+                            &asset->motion, &asset->options.skin, &glb.body, NULL);
+    if (status == PC_OK) {
+        status = check_joint_count(&glb);
     }
-    glb_writer glb = {.context = context, .asset = asset, .scratch = pci_scratch_begin(context)};
-    choose_name(asset->name, glb.name);
-    pci_json_begin(&glb.json);
-    build(&glb);
-    const pc_status status = write_glb(&glb, path);
-    pci_json_end(&glb.json);
+    if (status == PC_OK) {
+        choose_name(asset->name, glb.name);
+        pci_json_begin(&glb.json);
+        build(&glb);
+        status = write_glb(&glb, path);
+        pci_json_end(&glb.json);
+    }
+    pc_body_skin_free(context, &glb.body);
     pci_scratch_end(&glb.scratch);
     return status;
 }

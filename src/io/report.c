@@ -1,36 +1,22 @@
 // The report as JSON. Keys are stable: they are read by scripts. Only the object `timings` differs
 // between two runs on the same input.
-#include <cs.h>
-#include <embree3/rtcore_config.h>
-#include <hdf5.h>
-#include <png.h>
-
 #include "io/atomic_file.h"
 #include "io/json.h"
 #include "proxycloth/export.h"
 #include "proxycloth/version.h"
 
-#define STAGE                       "export"
-#define REPORT_SCHEMA               1
-#define TEXT_OF(macro)              TEXT_OF_TOKEN(macro)
-#define TEXT_OF_TOKEN(token)        #token
-#define DOTTED(major, minor, patch) TEXT_OF(major) "." TEXT_OF(minor) "." TEXT_OF(patch)
+#define STAGE         "export"
+#define REPORT_SCHEMA 1
 
-// What the library was compiled with.
+// What the results depend on.
 static void add_versions(pci_json *json) {
-    static const char *const rows[][2] = {
-        {"proxycloth", PC_VERSION_STRING},
-        {"embree", RTC_VERSION_STRING},
-        {"hdf5", DOTTED(H5_VERS_MAJOR, H5_VERS_MINOR, H5_VERS_RELEASE)},
-        {"libpng", PNG_LIBPNG_VER_STRING},
-        {"cxsparse", DOTTED(CS_VER, CS_SUBVER, CS_SUBSUB)},
-        {"cjson", DOTTED(CJSON_VERSION_MAJOR, CJSON_VERSION_MINOR, CJSON_VERSION_PATCH)},
-        {"compiler", __VERSION__},
-    };
     cJSON *versions = pci_json_object(json, json->root, "versions");
-    for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); ++i) {
-        pci_json_string(json, versions, rows[i][0], rows[i][1]);
+    pci_json_string(json, versions, "proxycloth", PC_VERSION_STRING);
+    pc_dependency dependency;
+    for (size_t i = 0; pc_dependency_at(i, &dependency); ++i) {
+        pci_json_string(json, versions, dependency.name, dependency.version);
     }
+    pci_json_string(json, versions, "compiler", __VERSION__);
 }
 
 static void add_stages(pci_json *json, const pc_asset *asset) {
@@ -85,6 +71,18 @@ static void add_label(pci_json *json, const pc_label_report *report) {
     }
 }
 
+static void add_histograms(pci_json *json, const pc_histogram histograms[PC_SHAPE_COUNT]) {
+    cJSON *object = pci_json_object(json, json->root, "histograms");
+    for (size_t i = 0; i < PC_SHAPE_COUNT; ++i) {
+        cJSON *histogram = pci_json_object(json, object, histograms[i].name);
+        pci_json_number(json, histogram, "maximum", histograms[i].maximum);
+        cJSON *counts = pci_json_array(json, histogram, "counts");
+        for (size_t bin = 0; bin < PC_HISTOGRAM_BINS; ++bin) {
+            pci_json_count(json, counts, NULL, histograms[i].counts[bin]);
+        }
+    }
+}
+
 static void add_loss(pci_json *json, cJSON *losses, const char *name, double total, double rigid,
                      double collision, double attachment) {
     cJSON *loss = pci_json_object(json, losses, name);
@@ -105,7 +103,7 @@ static void add_timings(pci_json *json, const pc_timings *timings) {
 }
 
 static void build(pci_json *json, const pc_asset *asset, const pc_measures *measures,
-                  const pc_timings *timings) {
+                  const pc_histogram *histograms, const pc_timings *timings) {
     const pc_skin_report *skin = &asset->reports.skin;
     pci_json_count(json, json->root, "schema", REPORT_SCHEMA);
     add_versions(json);
@@ -118,6 +116,7 @@ static void build(pci_json *json, const pc_asset *asset, const pc_measures *meas
     }
     if (measures != NULL) {
         pci_json_record(json, json->root, "measures", &pc_measures_record, measures);
+        add_histograms(json, histograms);
     }
     if (asset->stage_count > PC_STAGE_SKIN) {
         cJSON *losses = pci_json_object(json, json->root, "losses");
@@ -141,9 +140,16 @@ pc_status pc_export_report(pc_context *context, const pc_asset *asset, const pc_
         return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, STAGE,
                         STAGE ": a report needs an asset and a path");
     }
+    pc_histogram histograms[PC_SHAPE_COUNT] = {0};
+    if (measures != NULL) {
+        const pc_status status = pc_evaluate_shape(context, &asset->proxy, histograms);
+        if (status != PC_OK) {
+            return status;
+        }
+    }
     pci_json json;
     pci_json_begin(&json);
-    build(&json, asset, measures, timings);
+    build(&json, asset, measures, histograms, timings);
     char *text = pci_json_print(&json, true);
     pci_atomic_file file;
     pc_status status = text != NULL ? pci_atomic_begin(context, STAGE, path, &file)

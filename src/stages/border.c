@@ -328,7 +328,7 @@ static bool prepare(pci_scratch *scratch, const pc_mesh *surface, double cell_si
     s->edge_inwards = PCI_SCRATCH(scratch, double, 3 * nv);
     s->snapped = PCI_SCRATCH(scratch, uint8_t, nv);
     s->rings = PCI_SCRATCH(scratch, uint8_t, nv);
-    if (scratch->failed || !pci_topology_build(scratch, s->layer, &s->topology) ||
+    if (scratch->failed || !pci_topology_build_watched(scratch, s->layer, &s->topology) ||
         !pci_boundary_loops(scratch, s->layer, &s->topology, &s->loop_count, &s->offsets,
                             &s->loops) ||
         !pci_find_hems(scratch, surface, s->surface, cell_size, &s->hems)) {

@@ -201,6 +201,9 @@ static pc_status make_problem(pc_context *context, pci_scratch *scratch, const p
         return pci_fail_memory(context, stage);
     }
     const size_t pair_count = make_pairs(graph, o, p->exponent, edges + vertices);
+    if (!pci_keep_going(context)) {
+        return pci_fail_cancelled(context, stage);
+    }
     pci_signed_graph_create(vertices, edges + vertices, pair_count, &p->graph);
     int64_t constant = p->graph.constant;
     constant += make_wishes(scratch, graph, o, p->exponent, wishes);
@@ -262,7 +265,8 @@ pc_status pc_label(pc_context *context, const pc_graph *graph, const pc_label_op
                                .deadline = options->label_seconds > 0.0
                                                ? pci_clock_seconds() + options->label_seconds
                                                : 0.0};
-    status = pci_signed_solve(context, stage, &p.graph, budget, &solution);
+    status = pci_keep_going(context) ? pci_signed_solve(context, stage, &p.graph, budget, &solution)
+                                     : pci_fail_cancelled(context, stage);
     if (status != PC_OK) {
         goto cleanup;
     }

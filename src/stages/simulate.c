@@ -167,31 +167,39 @@ static bool measure_motion(pci_scratch *scratch, const pc_mesh *rest, const pc_m
 // ---- what a run holds
 // -----------------------------------------------------------------------------
 
-typedef struct run {
+struct pc_simulator {
     pc_context *context;
-    const pc_simulate_inputs *inputs;
-    const pc_simulate_options *options;
+    pci_scratch scratch; // holds whatever the pointers below point to
+    pc_simulate_inputs inputs;
+    pc_simulate_options options;
     double scale; // simulated length per length of the file
+    double diagonal;
     pc_mesh rest; // the proxy at the simulated size
     pci_cloth cloth;
     const pci_spring *springs;
     size_t edge_count;
-    double *targets; // #V by 3, or NULL: nothing moves
+    uint8_t *pinned;
+    double *targets;   // #V by 3; in use where cloth.targets is set
+    double *positions; // #V by 3, in the unit of the file
     pci_poses poses;
     pci_binding binding;
     pci_wind wind;
-    pc_motion *motion;
+    uint64_t steps;
+    double squared_speed;
     pc_simulate_report report;
-} run;
+};
 
 // Fills the cloth from the proxy at the simulated size.
-static bool fill_cloth(run *r, pci_scratch *scratch) {
-    const pc_mesh *proxy = r->inputs->proxy;
-    const pc_simulate_options *options = r->options;
+static bool fill_cloth(pc_simulator *s) {
+    pci_scratch *scratch = &s->scratch;
+    const pc_mesh *proxy = s->inputs.proxy;
+    const pc_simulate_options *options = &s->options;
     const size_t nv = proxy->vertex_count;
-    pci_cloth *cloth = &r->cloth;
-    r->rest = *proxy;
-    r->rest.positions = PCI_SCRATCH(scratch, double, 3 * nv);
+    pci_cloth *cloth = &s->cloth;
+    s->rest = *proxy;
+    s->rest.positions = PCI_SCRATCH(scratch, double, 3 * nv);
+    s->targets = PCI_SCRATCH(scratch, double, 3 * nv);
+    s->positions = PCI_SCRATCH(scratch, double, 3 * nv);
     cloth->positions = PCI_SCRATCH(scratch, double, 3 * nv);
     cloth->velocities = PCI_SCRATCH(scratch, double, 3 * nv);
     cloth->previous = PCI_SCRATCH(scratch, double, 3 * nv);
@@ -201,7 +209,7 @@ static bool fill_cloth(run *r, pci_scratch *scratch) {
         return false;
     }
     for (size_t k = 0; k < 3 * nv; ++k) {
-        r->rest.positions[k] = cloth->positions[k] = r->scale * proxy->positions[k];
+        s->rest.positions[k] = s->targets[k] = cloth->positions[k] = s->scale * proxy->positions[k];
     }
     cloth->vertex_count = nv;
     cloth->triangle_count = proxy->triangle_count;
@@ -214,11 +222,11 @@ static bool fill_cloth(run *r, pci_scratch *scratch) {
     cloth->iterations = options->solver_iterations;
     cloth->strain_limit = options->strain_limit;
     // What a fall from the garment's height and the wind give.
-    double wind = r->inputs->scenario->wind_count != 0 ? 0.0 : options->wind_speed;
-    for (size_t i = 0; i < r->inputs->scenario->wind_count; ++i) {
-        wind = fmax(wind, pci_norm(r->inputs->scenario->winds[i].velocity));
+    double wind = s->inputs.scenario->wind_count != 0 ? 0.0 : options->wind_speed;
+    for (size_t i = 0; i < s->inputs.scenario->wind_count; ++i) {
+        wind = fmax(wind, pci_norm(s->inputs.scenario->winds[i].velocity));
     }
-    cloth->free_speed = sqrt(2.0 * fabs(options->gravity) * pci_diagonal(&r->rest)) + wind + 1.0;
+    cloth->free_speed = sqrt(2.0 * fabs(options->gravity) * pci_diagonal(&s->rest)) + wind + 1.0;
     cloth->dynamics = (pci_dynamics)options->dynamics;
     // XPBD needs substeps in the place of sweeps.
     const uint32_t usual = cloth->dynamics == PCI_DYNAMICS_XPBD ? options->solver_iterations : 1;
@@ -226,50 +234,50 @@ static bool fill_cloth(run *r, pci_scratch *scratch) {
     cloth->substeps = options->substeps != 0 ? options->substeps : cloth->least_substeps;
     pci_spring *springs = NULL;
     size_t spring_count = 0;
-    if (!fill_inverse_masses(scratch, &r->rest, r->motion->pinned, options->area_density,
+    if (!fill_inverse_masses(scratch, &s->rest, s->pinned, options->area_density,
                              &cloth->inverse_mass) ||
-        !pci_springs_build(scratch, &r->rest, options->stretch_stiffness, options->bend_stiffness,
-                           &springs, &spring_count, &r->edge_count) ||
-        !pci_springs_pack(scratch, springs, spring_count, r->edge_count, cloth)) {
+        !pci_springs_build(scratch, &s->rest, options->stretch_stiffness, options->bend_stiffness,
+                           &springs, &spring_count, &s->edge_count) ||
+        !pci_springs_pack(scratch, springs, spring_count, s->edge_count, cloth)) {
         return false;
     }
-    r->springs = springs;
-    r->report.stretch_springs = r->edge_count;
-    r->report.bend_springs = spring_count - r->edge_count;
+    s->springs = springs;
+    s->report.stretch_springs = s->edge_count;
+    s->report.bend_springs = spring_count - s->edge_count;
     return true;
 }
 
-static pc_status set_up(run *r, pci_scratch *scratch) {
-    const pc_simulate_options *options = r->options;
-    const size_t nv = r->inputs->proxy->vertex_count;
-    const pc_attachment *attachment = &r->inputs->scenario->attachment;
-    pc_status status =
-        pci_pin_vertices(scratch, r->inputs, options->pinned_fraction, options->up_axis,
-                         r->motion->pinned, &r->report.unmatched_pins);
+static pc_status set_up(pc_simulator *s) {
+    pci_scratch *scratch = &s->scratch;
+    const pc_simulate_options *options = &s->options;
+    const size_t nv = s->inputs.proxy->vertex_count;
+    const pc_attachment *attachment = &s->inputs.scenario->attachment;
+    s->pinned = PCI_SCRATCH(scratch, uint8_t, nv);
+    if (s->pinned == NULL) {
+        return pci_fail_memory(s->context, stage);
+    }
+    pc_status status = pci_pin_vertices(scratch, &s->inputs, options->pinned_fraction,
+                                        options->up_axis, s->pinned, &s->report.unmatched_pins);
     if (status != PC_OK) {
         return status;
     }
     for (size_t v = 0; v < nv; ++v) {
-        r->report.pinned += r->motion->pinned[v];
+        s->report.pinned += s->pinned[v];
     }
-    if (!fill_cloth(r, scratch)) {
-        return pci_fail_memory(r->context, stage);
+    if (!fill_cloth(s)) {
+        return pci_fail_memory(s->context, stage);
     }
-    status = pci_poses_begin(scratch, r->inputs, r->scale, &r->poses);
+    status = pci_poses_begin(scratch, stage, s->inputs.character, &s->inputs.scenario->attachment,
+                             s->scale, &s->poses);
     if (status == PC_OK && attachment->kind == PC_ATTACHMENT_CLIP) {
-        status = pci_bind_pins(scratch, r->inputs, r->motion->pinned, &r->binding);
+        status = pci_bind_pins(scratch, &s->inputs, s->pinned, &s->binding);
     }
     if (status == PC_OK && attachment->kind != PC_ATTACHMENT_NONE) {
-        r->targets = PCI_SCRATCH(scratch, double, 3 * nv);
-        if (r->targets == NULL) {
-            return pci_fail_memory(r->context, stage);
-        }
-        memcpy(r->targets, r->rest.positions, 3 * nv * sizeof(double));
-        r->cloth.targets = r->targets;
+        s->cloth.targets = s->targets;
     }
     if (status == PC_OK) {
-        status = pci_contacts_create(scratch, r->inputs, r->scale, options->contact_distance,
-                                     options->friction, &r->cloth.contacts);
+        status = pci_contacts_create(scratch, &s->inputs, s->scale, options->contact_distance,
+                                     options->friction, &s->cloth.contacts);
     }
     return status;
 }
@@ -278,118 +286,176 @@ static pc_status set_up(run *r, pci_scratch *scratch) {
 // ----------------------------------------------------------------------------------------
 
 // Where the attachment wants pinned vertices and colliders at a time.
-static void aim(run *r, double time) {
-    const pc_attachment *attachment = &r->inputs->scenario->attachment;
-    const size_t nv = r->cloth.vertex_count;
+static void aim(pc_simulator *s, double time) {
+    const pc_attachment *attachment = &s->inputs.scenario->attachment;
+    const size_t nv = s->cloth.vertex_count;
     if (attachment->kind == PC_ATTACHMENT_RIGID) {
         pci_map map;
-        pci_rigid_at(attachment, r->scale, time, &map);
+        pci_rigid_at(attachment, s->scale, time, &map);
         for (size_t v = 0; v < nv; ++v) {
-            if (r->motion->pinned[v]) {
-                pci_map_apply(&map, &r->rest.positions[3 * v], &r->targets[3 * v]);
+            if (s->pinned[v]) {
+                pci_map_apply(&map, &s->rest.positions[3 * v], &s->targets[3 * v]);
             }
         }
     } else if (attachment->kind == PC_ATTACHMENT_CLIP) {
-        pci_poses_set(&r->poses, time);
+        pci_poses_set(&s->poses, time);
         for (size_t v = 0; v < nv; ++v) {
-            if (r->motion->pinned[v]) {
-                pci_binding_apply(&r->binding, r->poses.maps, v, &r->rest.positions[3 * v],
-                                  &r->targets[3 * v]);
+            if (s->pinned[v]) {
+                pci_binding_apply(&s->binding, s->poses.maps, v, &s->rest.positions[3 * v],
+                                  &s->targets[3 * v]);
             }
         }
     }
-    if (r->cloth.contacts != NULL) {
-        pci_contacts_aim(r->cloth.contacts, r->poses.maps);
+    if (s->cloth.contacts != NULL) {
+        pci_contacts_aim(s->cloth.contacts, s->poses.maps);
     }
 }
 
-// One step that ends at `time`.
-static void step_to(run *r, double time, const double wind[3]) {
-    aim(r, time);
-    pci_cloth_step(&r->cloth, wind);
-    if (r->cloth.substeps > r->report.most_substeps) {
-        r->report.most_substeps = r->cloth.substeps;
+// One step to where `aim` and the caller want pinned vertices and colliders.
+static void step(pc_simulator *s, const double wind[3]) {
+    pci_cloth_step(&s->cloth, wind);
+    if (s->cloth.substeps > s->report.most_substeps) {
+        s->report.most_substeps = s->cloth.substeps;
     }
 }
 
 // What happens before time 0: a rigid motion starts anywhere, a clip is approached in still air.
-static pc_status lead_in(run *r) {
+static pc_status lead_in(pc_simulator *s) {
     static const double calm[3] = {0.0, 0.0, 0.0};
-    const pc_attachment *attachment = &r->inputs->scenario->attachment;
-    const double dt = r->options->time_step;
+    const pc_attachment *attachment = &s->inputs.scenario->attachment;
+    const double dt = s->options.time_step;
     if (attachment->kind == PC_ATTACHMENT_RIGID) {
         pci_map map;
-        pci_rigid_at(attachment, r->scale, 0.0, &map);
-        for (size_t v = 0; v < r->cloth.vertex_count; ++v) {
-            pci_map_apply(&map, &r->rest.positions[3 * v], &r->cloth.positions[3 * v]);
+        pci_rigid_at(attachment, s->scale, 0.0, &map);
+        for (size_t v = 0; v < s->cloth.vertex_count; ++v) {
+            pci_map_apply(&map, &s->rest.positions[3 * v], &s->cloth.positions[3 * v]);
         }
     } else if (attachment->kind == PC_ATTACHMENT_CLIP) {
         const size_t steps = (size_t)ceil(attachment->blend / dt);
-        for (size_t s = 1; s <= steps; ++s) {
-            if (!pci_keep_going(r->context)) {
-                return pci_fail_cancelled(r->context, stage);
+        for (size_t i = 1; i <= steps; ++i) {
+            if (!pci_keep_going(s->context)) {
+                return pci_fail_cancelled(s->context, stage);
             }
-            step_to(r, -dt * (double)(steps - s), calm);
+            aim(s, -dt * (double)(steps - i));
+            step(s, calm);
         }
     }
     return PC_OK;
 }
 
-// Copies the cloth to a frame, in the unit of the file.
-static pc_status keep_frame(run *r, size_t frame) {
-    const pc_mesh *proxy = r->inputs->proxy;
-    const size_t nv = r->cloth.vertex_count;
-    for (size_t k = 0; k < 3 * nv; ++k) {
-        const bool still = r->motion->pinned[k / 3] && r->targets == NULL;
-        const double value = still ? proxy->positions[k] : r->cloth.positions[k] / r->scale;
-        if (!isfinite(value)) {
-            return pci_fail(r->context, PC_ERROR_NUMERICAL, stage,
+// Brings the cloth back into the unit of the file.
+static pc_status read_positions(pc_simulator *s) {
+    const pc_mesh *proxy = s->inputs.proxy;
+    for (size_t k = 0; k < 3 * s->cloth.vertex_count; ++k) {
+        const bool still = s->pinned[k / 3] && s->cloth.targets == NULL;
+        s->positions[k] = still ? proxy->positions[k] : s->cloth.positions[k] / s->scale;
+        if (!isfinite(s->positions[k])) {
+            return pci_fail(s->context, PC_ERROR_NUMERICAL, stage,
                             "simulate: vertex %zu left the finite numbers at frame %zu", k / 3,
-                            frame);
-        }
-        r->motion->positions[3 * nv * frame + k] = value;
-    }
-    for (size_t v = 0; v < nv && r->cloth.contacts != NULL; ++v) {
-        if (r->cloth.inverse_mass[v] > 0.0) {
-            r->report.deepest_contact =
-                fmax(r->report.deepest_contact,
-                     pci_contacts_depth(r->cloth.contacts, &r->cloth.positions[3 * v]));
+                            (size_t)((s->steps > 0 ? s->steps - 1 : 0) / s->options.frame_steps));
         }
     }
     return PC_OK;
 }
 
-static pc_status run_frames(run *r) {
-    const pc_simulate_options *options = r->options;
-    const pc_scenario *scenario = r->inputs->scenario;
-    const size_t nv = r->cloth.vertex_count, frames = r->motion->frame_count;
-    double squared_speed = 0.0;
-    uint64_t step = 0;
-    pc_status status = lead_in(r);
-    for (size_t f = 0; f < frames && status == PC_OK; ++f) {
-        if (!pci_progress(r->context, stage, (double)f / (double)frames)) {
-            return pci_fail_cancelled(r->context, stage);
-        }
-        for (uint32_t s = 0; s < options->frame_steps; ++s) {
-            double wind[3];
-            if (scenario->wind_count != 0) {
-                pci_wind_at(scenario->winds, scenario->wind_count,
-                            options->time_step * (double)step, wind);
-            } else {
-                pci_wind_next(&r->wind, wind);
-            }
-            step_to(r, options->time_step * (double)++step, wind);
-            for (size_t v = 0; v < nv; ++v) {
-                const double *at = &r->cloth.velocities[3 * v];
-                const double speed = pci_dot(at, at);
-                squared_speed = speed > squared_speed ? speed : squared_speed;
-            }
-        }
-        status = keep_frame(r, f);
+pc_status pc_simulator_step(pc_simulator *s, const double *wind, const double *targets) {
+    if (s == NULL) {
+        return PC_ERROR_INVALID_ARGUMENT;
     }
-    r->report.max_speed = sqrt(squared_speed);
-    return status;
+    const size_t nv = s->cloth.vertex_count;
+    const double start = s->options.time_step * (double)s->steps;
+    double blown[3];
+    // The winds of the scenario go on behind those of the caller.
+    if (s->inputs.scenario->wind_count != 0) {
+        pci_wind_at(s->inputs.scenario->winds, s->inputs.scenario->wind_count, start, blown);
+    } else {
+        pci_wind_next(&s->wind, blown);
+    }
+    aim(s, s->options.time_step * (double)++s->steps);
+    if (targets != NULL) {
+        for (size_t k = 0; k < 3 * nv; ++k) {
+            s->targets[k] = s->pinned[k / 3] ? s->scale * targets[k] : s->targets[k];
+        }
+        s->cloth.targets = s->targets;
+    }
+    step(s, wind != NULL ? wind : blown);
+    for (size_t v = 0; v < nv; ++v) {
+        const double *at = &s->cloth.velocities[3 * v];
+        s->squared_speed = fmax(s->squared_speed, pci_dot(at, at));
+    }
+    return read_positions(s);
 }
+
+// ---- the simulator
+// --------------------------------------------------------------------------------
+
+// Options and inputs, and the factor to the simulated size.
+static pc_status begin(pc_simulator *s, const pc_simulate_options *given) {
+    static const pc_scenario paper;
+    pc_context *context = s->context;
+    pc_status status = pci_check_mesh(context, stage, s->inputs.proxy, "proxy mesh");
+    if (status == PC_OK) {
+        status = pci_begin_stage(context, stage, &pc_simulate_options_record, given, &s->options);
+    }
+    if (status == PC_OK && s->inputs.scenario != NULL) {
+        status = pc_scenario_check(context, s->inputs.scenario);
+    } else {
+        s->inputs.scenario = &paper;
+    }
+    if (status != PC_OK) {
+        return status;
+    }
+    s->diagonal = pci_diagonal(s->inputs.proxy);
+    s->scale = s->options.garment_size > 0.0 ? s->options.garment_size / s->diagonal : 1.0;
+    if (!(s->diagonal > 0.0) || !isfinite(s->scale)) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                        "simulate: the proxy mesh has diagonal %g", s->diagonal);
+    }
+    s->wind = pci_wind_begin(s->options.seed, s->options.wind_speed);
+    return PC_OK;
+}
+
+pc_status pc_simulator_create(pc_context *context, const pc_simulate_inputs *inputs,
+                              const pc_simulate_options *options, pc_simulator **simulator) {
+    if (inputs == NULL || simulator == NULL) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage, "simulate: an argument is NULL");
+    }
+    *simulator = NULL;
+    pc_simulator *created = PCI_ALLOCATE(context, pc_simulator, 1);
+    if (created == NULL) {
+        return pci_fail_memory(context, stage);
+    }
+    created->context = context;
+    created->scratch = pci_scratch_begin(context);
+    created->inputs = *inputs;
+    pc_status status = begin(created, options);
+    if (status == PC_OK) {
+        status = set_up(created);
+    }
+    if (status == PC_OK) {
+        status = lead_in(created);
+    }
+    if (status == PC_OK) {
+        status = read_positions(created);
+    }
+    if (status != PC_OK) {
+        pc_simulator_destroy(created);
+        return status;
+    }
+    *simulator = created;
+    return PC_OK;
+}
+
+void pc_simulator_destroy(pc_simulator *simulator) {
+    if (simulator != NULL) {
+        pci_scratch_end(&simulator->scratch);
+        pc_release(simulator->context, simulator);
+    }
+}
+
+const double *pc_simulator_positions(const pc_simulator *simulator) { return simulator->positions; }
+
+const uint8_t *pc_simulator_pinned(const pc_simulator *simulator) { return simulator->pinned; }
 
 // ---- the stage
 // ------------------------------------------------------------------------------------
@@ -400,70 +466,69 @@ pc_status pc_simulate(pc_context *context, const pc_mesh *proxy, const pc_simula
     return pc_simulate_scenario(context, &inputs, options, motion, report);
 }
 
-// Options and inputs, and the factor to the simulated size.
-static pc_status begin(pc_context *context, pc_simulate_inputs *inputs,
-                       const pc_simulate_options *given, pc_simulate_options *options,
-                       double *scale, double *diagonal) {
-    static const pc_scenario paper;
-    pc_status status = pci_check_mesh(context, stage, inputs->proxy, "proxy mesh");
-    if (status == PC_OK) {
-        status = pci_begin_stage(context, stage, &pc_simulate_options_record, given, options);
+// How deep free vertices are in colliders.
+static void measure_contact(pc_simulator *s) {
+    for (size_t v = 0; v < s->cloth.vertex_count && s->cloth.contacts != NULL; ++v) {
+        if (s->cloth.inverse_mass[v] > 0.0) {
+            s->report.deepest_contact =
+                fmax(s->report.deepest_contact,
+                     pci_contacts_depth(s->cloth.contacts, &s->cloth.positions[3 * v]));
+        }
     }
-    if (status == PC_OK && inputs->scenario != NULL) {
-        status = pc_scenario_check(context, inputs->scenario);
-    } else {
-        inputs->scenario = &paper;
+}
+
+static pc_status run_frames(pc_simulator *s, pc_motion *motion) {
+    const size_t size = 3 * motion->vertex_count;
+    for (size_t f = 0; f < motion->frame_count; ++f) {
+        if (!pci_progress(s->context, stage, (double)f / (double)motion->frame_count)) {
+            return pci_fail_cancelled(s->context, stage);
+        }
+        for (uint32_t i = 0; i < s->options.frame_steps; ++i) {
+            const pc_status status = pc_simulator_step(s, NULL, NULL);
+            if (status != PC_OK) {
+                return status;
+            }
+        }
+        memcpy(&motion->positions[size * f], s->positions, size * sizeof(double));
+        measure_contact(s);
     }
-    if (status != PC_OK) {
-        return status;
-    }
-    *diagonal = pci_diagonal(inputs->proxy);
-    *scale = options->garment_size > 0.0 ? options->garment_size / *diagonal : 1.0;
-    if (!(*diagonal > 0.0) || !isfinite(*scale)) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
-                        "simulate: the proxy mesh has diagonal %g", *diagonal);
-    }
+    s->report.max_speed = sqrt(s->squared_speed);
     return PC_OK;
 }
 
-pc_status pc_simulate_scenario(pc_context *context, const pc_simulate_inputs *given_inputs,
-                               const pc_simulate_options *given, pc_motion *motion,
+pc_status pc_simulate_scenario(pc_context *context, const pc_simulate_inputs *inputs,
+                               const pc_simulate_options *options, pc_motion *motion,
                                pc_simulate_report *report) {
-    if (given_inputs == NULL || motion == NULL || motion->positions != NULL ||
-        motion->pinned != NULL) {
+    if (inputs == NULL || motion == NULL || motion->positions != NULL || motion->pinned != NULL) {
         return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
                         "simulate: no inputs, or the output is not empty");
     }
-    pc_simulate_options options;
-    pc_simulate_inputs inputs = *given_inputs;
-    double diagonal = 0.0;
-    run r = {.context = context, .inputs = &inputs, .options = &options, .motion = motion};
-    pc_status status = begin(context, &inputs, given, &options, &r.scale, &diagonal);
+    pc_simulator *s = NULL;
+    pc_status status = pc_simulator_create(context, inputs, options, &s);
     if (status != PC_OK) {
         return status;
     }
-    pci_scratch scratch = pci_scratch_begin(context);
-    const size_t nv = inputs.proxy->vertex_count;
-    r.wind = pci_wind_begin(options.seed, options.wind_speed);
+    const size_t nv = inputs->proxy->vertex_count, frames = s->options.frames;
     motion->vertex_count = nv;
-    motion->frame_count = options.frames;
-    motion->frame_time = options.time_step * (double)options.frame_steps;
-    motion->positions = PCI_ALLOCATE(context, double, 3 * nv * options.frames);
+    motion->frame_count = frames;
+    motion->frame_time = s->options.time_step * (double)s->options.frame_steps;
+    motion->positions = PCI_ALLOCATE(context, double, 3 * nv * frames);
     motion->pinned = PCI_ALLOCATE(context, uint8_t, nv);
-    status = motion->positions != NULL && motion->pinned != NULL ? set_up(&r, &scratch)
-                                                                 : pci_fail_memory(context, stage);
-    if (status == PC_OK) {
-        status = run_frames(&r);
+    if (motion->positions == NULL || motion->pinned == NULL) {
+        status = pci_fail_memory(context, stage);
+    } else {
+        memcpy(motion->pinned, s->pinned, nv);
+        status = run_frames(s, motion);
     }
-    if (status == PC_OK && !measure_motion(&scratch, inputs.proxy, motion, r.springs, r.edge_count,
-                                           diagonal, &r.report)) {
+    if (status == PC_OK && !measure_motion(&s->scratch, inputs->proxy, motion, s->springs,
+                                           s->edge_count, s->diagonal, &s->report)) {
         status = pci_fail_memory(context, stage);
     }
-    pci_scratch_end(&scratch);
     if (status != PC_OK) {
         pc_motion_free(context, motion);
     } else if (report != NULL) {
-        *report = r.report;
+        *report = s->report;
     }
+    pc_simulator_destroy(s);
     return status;
 }

@@ -3,6 +3,7 @@
 #define PCI_SIMULATE_INTERNAL_H
 
 #include "core/core.h"
+#include "core/pose.h"
 #include "proxycloth/simulate.h"
 
 // ---- springs and steps (simulate_springs.c)
@@ -111,35 +112,11 @@ bool pci_matches(const char *pattern, const char *text);
 // ---- poses (simulate_pose.c)
 // ----------------------------------------------------------------------
 
-// Maps of all joints at one time, in the unit of the simulation.
-typedef struct pci_map {
-    double m[12]; // 3 rows of 4
-} pci_map;
-
-void pci_map_apply(const pci_map *map, const double point[3], double out[3]);
-// Inverse of an affine map; false and unchanged where it has none.
-bool pci_map_invert(const pci_map *map, pci_map *out);
-
-// What moves pinned vertices and colliders.
-typedef struct pci_poses {
-    const pc_character *character; // NULL: no joints
-    const pc_attachment *attachment;
-    double scale; // simulated length per length of the file
-    uint32_t first_pose, pose_count;
-    double rate;
-    pci_map *maps; // #joints, of the time given last
-} pci_poses;
-
-// Looks up the clip; PC_ERROR_INVALID_OPTIONS when there is none of this name.
-PC_NODISCARD pc_status pci_poses_begin(pci_scratch *scratch, const pc_simulate_inputs *inputs,
-                                       double scale, pci_poses *poses);
-// Sets the maps for a time in s; negative times lead from the rest pose to the clip's start.
-void pci_poses_set(pci_poses *poses, double time);
 // The rigid map of the attachment at a time.
 void pci_rigid_at(const pc_attachment *attachment, double scale, double time, pci_map *map);
 
-// Joints and weights of the pinned vertices, 4 by vertex; from the nearest point of the visual
-// mesh, or of the body. PC_ERROR_INVALID_OPTIONS when neither is skinned.
+// Joints and weights of the pinned vertices, 4 by vertex: from the nearest point of the visual
+// mesh, or carried over from the body where that has none. PC_ERROR_INVALID_OPTIONS when neither is skinned.
 typedef struct pci_binding {
     uint32_t *joints;
     double *weights;

@@ -7,6 +7,7 @@ static const char stage[] = "skin";
 
 static const char *const solver_choices[] = {"alternate", "adamw", NULL};
 
+static const char *const channel_choices[] = {"none", "red", "green", "blue", "alpha", NULL};
 static const char *const storage_choices[] = {"float", "u16", "u8", NULL};
 
 static const pc_field option_fields[] = {
@@ -59,6 +60,12 @@ static const pc_field option_fields[] = {
                      "Of max_bones, those that the skeleton of the character needs"),
     PCI_FIELD_CHOICE(pc_skin_options, weight_storage, PC_SKIN_WEIGHTS_FLOAT, 2, storage_choices,
                      "Weights in exported files; integers sum to exactly 1"),
+    PCI_FIELD_OPTION(pc_skin_options, body_blend, DOUBLE, 0.0, 0.0, 2.0, "diagonals",
+                     "Exported garments pass from the body's skeleton to the proxy within this "
+                     "distance from the pins; 0: they follow the proxy alone"),
+    PCI_FIELD_CHOICE(pc_skin_options, body_channel, PC_BODY_CHANNEL_NONE, 4, channel_choices,
+                     "Channel of the vertex colors that tells how far a vertex follows the proxy "
+                     "instead of the body's skeleton, in place of body_blend"),
 };
 const pc_record pc_skin_options_record = PCI_RECORD(option_fields, pc_skin_options);
 

@@ -181,6 +181,41 @@ static bool colour_groups(pci_scratch *scratch, pci_skin_quadratic *q) {
     return true;
 }
 
+// Room for the largest group, for each thread.
+static bool build_loaded(pci_scratch *scratch, pci_skin_quadratic *q) {
+    const uint32_t threads = pc_context_threads(scratch->context);
+    uint32_t *marks = PCI_SCRATCH(scratch, uint32_t, q->vertex_count);
+    q->loaded = PCI_SCRATCH(scratch, pci_skin_group, threads);
+    if (scratch->failed) {
+        return false;
+    }
+    size_t rows = 0;
+    for (uint32_t g = 0; g < q->group_count; ++g) {
+        size_t count = 0;
+        for (size_t m = q->group_offsets[g]; m < q->group_offsets[g + 1]; ++m) {
+            const uint32_t v = q->members[m];
+            for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
+                count += marks[q->columns[e]] != g + 1;
+                marks[q->columns[e]] = g + 1;
+            }
+        }
+        rows = count > rows ? count : rows;
+    }
+    const size_t most = rows * q->slots < q->proxy_count ? rows * q->slots : q->proxy_count;
+    for (uint32_t i = 0; i < threads; ++i) {
+        pci_skin_group *g = &q->loaded[i];
+        g->row_numbers = PCI_SCRATCH(scratch, uint32_t, q->vertex_count);
+        g->bone_numbers = PCI_SCRATCH(scratch, uint32_t, q->proxy_count);
+        g->vertices = PCI_SCRATCH(scratch, uint32_t, rows);
+        g->places = PCI_SCRATCH(scratch, uint32_t, rows * q->slots);
+        g->moved = PCI_SCRATCH(scratch, double, rows * q->slots);
+        g->bones = PCI_SCRATCH(scratch, uint32_t, most);
+        g->gram = PCI_SCRATCH(scratch, double, most *most);
+        g->accumulator = PCI_SCRATCH(scratch, double, most);
+    }
+    return !scratch->failed;
+}
+
 bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *problem,
                               const double scale[4], const double *diagonal, const double *gram,
                               const uint32_t *allowed, pci_skin_quadratic *q) {
@@ -192,12 +227,9 @@ bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *prob
     q->bones = problem->bones;
     q->gram = gram;
     q->allowed = allowed;
-    const size_t threads = pc_context_threads(scratch->context);
-    q->accumulators = PCI_SCRATCH(scratch, double, threads * q->proxy_count);
-    q->marks = PCI_SCRATCH(scratch, uint8_t, threads * q->proxy_count);
-    q->touched = PCI_SCRATCH(scratch, uint32_t, threads * (q->proxy_count + 1));
-    return !scratch->failed && build_matrix(scratch, problem, scale, diagonal, q) &&
-           build_groups(scratch, problem, q) && colour_groups(scratch, q);
+    return build_matrix(scratch, problem, scale, diagonal, q) &&
+           build_groups(scratch, problem, q) && colour_groups(scratch, q) &&
+           build_loaded(scratch, q);
 }
 
 // ---- sweeps -------------------------------------------------------------------------------------
@@ -212,38 +244,72 @@ typedef struct sweep_job {
     uint32_t *allowed; // of the quadratic, if slots are taken away
 } sweep_job;
 
-// The gradient of one row at the present weights: g0 + G sum_j M_ij (w_j - w0_j).
-static void row_gradient(const sweep_job *job, uint32_t v, uint32_t worker, double *gradient) {
+// Collects the rows that a group needs, with bones numbered by their first appearance.
+static void load_group(const sweep_job *job, uint32_t group, pci_skin_group *g) {
     const pci_skin_quadratic *q = job->q;
-    double *y = &q->accumulators[worker * q->proxy_count];
-    uint8_t *marks = &q->marks[worker * q->proxy_count];
-    uint32_t *touched = &q->touched[worker * (q->proxy_count + 1)];
     const size_t slots = q->slots;
-    size_t count = 0;
-    for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
-        const size_t row = slots * q->columns[e];
-        for (size_t k = row; k < row + slots; ++k) {
-            const double moved = q->values[e] * (job->weights[k] - job->reference[k]);
-            const uint32_t bone = q->bones[k];
-            if (moved != 0.0) {
-                touched[count] = bone;
-                count += !marks[bone];
-                marks[bone] = 1;
-                y[bone] += moved;
+    g->row_count = g->bone_count = 0;
+    for (size_t m = q->group_offsets[group]; m < q->group_offsets[group + 1]; ++m) {
+        const uint32_t v = q->members[m];
+        for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
+            const size_t j = q->columns[e];
+            if (g->row_numbers[j] != 0) {
+                continue;
+            }
+            g->vertices[g->row_count] = (uint32_t)j;
+            g->row_numbers[j] = ++g->row_count;
+            const size_t row = slots * (g->row_count - 1);
+            for (size_t k = 0; k < slots; ++k) {
+                const uint32_t bone = q->bones[slots * j + k];
+                if (g->bone_numbers[bone] == 0) {
+                    g->bones[g->bone_count] = bone;
+                    g->bone_numbers[bone] = ++g->bone_count;
+                }
+                g->places[row + k] = g->bone_numbers[bone] - 1;
+                g->moved[row + k] = job->weights[slots * j + k] - job->reference[slots * j + k];
             }
         }
     }
-    for (size_t k = 0; k < slots; ++k) {
-        const double *row = &q->gram[q->proxy_count * q->bones[v * slots + k]];
-        double sum = 0.0;
-        for (size_t t = 0; t < count; ++t) {
-            sum += row[touched[t]] * y[touched[t]];
+    const size_t count = g->bone_count;
+    for (size_t b = 0; b < count; ++b) {
+        const double *row = &q->gram[q->proxy_count * g->bones[b]];
+        for (size_t c = 0; c < count; ++c) {
+            g->gram[b * count + c] = row[g->bones[c]];
         }
-        gradient[k] = job->gradient[v * slots + k] + sum;
+        g->bone_numbers[g->bones[b]] = 0;
     }
-    for (size_t t = 0; t < count; ++t) {
-        y[touched[t]] = 0.0;
-        marks[touched[t]] = 0;
+}
+
+// The gradient of one row at the present weights: g0 + G sum_j M_ij (w_j - w0_j).
+static void row_gradient(const sweep_job *job, uint32_t v, const pci_skin_group *g,
+                         double *gradient) {
+    const pci_skin_quadratic *q = job->q;
+    const size_t slots = q->slots, count = g->bone_count;
+    const double *gram = g->gram;
+    double *y = g->accumulator;
+    memset(y, 0, count * sizeof(*y));
+    for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
+        const size_t row = slots * (g->row_numbers[q->columns[e]] - 1);
+        const uint32_t *places = &g->places[row];
+        const double *moved = &g->moved[row], value = q->values[e];
+        for (size_t k = 0; k < slots; ++k) {
+            y[places[k]] += value * moved[k];
+        }
+    }
+    const uint32_t *places = &g->places[slots * (g->row_numbers[v] - 1)];
+    for (size_t k = 0; k < slots; ++k) {
+        const double *row = &gram[count * places[k]];
+        double sums[4] = {0};
+        size_t b = 0;
+        for (; b + 4 <= count; b += 4) {
+            for (size_t l = 0; l < 4; ++l) {
+                sums[l] += row[b + l] * y[b + l];
+            }
+        }
+        for (; b < count; ++b) {
+            sums[0] += row[b] * y[b];
+        }
+        gradient[k] = job->gradient[slots * v + k] + ((sums[0] + sums[2]) + (sums[1] + sums[3]));
     }
 }
 
@@ -256,11 +322,11 @@ typedef struct row_program {
     double ridge;
 } row_program;
 
-static void extract_row(const sweep_job *job, uint32_t v, uint32_t worker, row_program *r) {
+static void extract_row(const sweep_job *job, uint32_t v, const pci_skin_group *g, row_program *r) {
     const pci_skin_quadratic *q = job->q;
-    const uint32_t *bones = &q->bones[(size_t)v * q->slots];
+    const uint32_t *places = &g->places[(size_t)q->slots * (g->row_numbers[v] - 1)];
     double gradient[PCI_SKIN_SLOTS_MAX], trace = 0.0;
-    row_gradient(job, v, worker, gradient);
+    row_gradient(job, v, g, gradient);
     r->count = 0;
     for (uint32_t k = 0; k < q->slots; ++k) {
         if (q->allowed[v] >> k & 1) {
@@ -271,9 +337,9 @@ static void extract_row(const sweep_job *job, uint32_t v, uint32_t worker, row_p
     }
     const double diagonal = q->values[q->offsets[v]];
     for (uint32_t i = 0; i < r->count; ++i) {
-        const double *row = &q->gram[q->proxy_count * bones[r->slots[i]]];
+        const double *row = &g->gram[(size_t)g->bone_count * places[r->slots[i]]];
         for (uint32_t j = 0; j < r->count; ++j) {
-            r->a[i * r->count + j] = diagonal * row[bones[r->slots[j]]];
+            r->a[i * r->count + j] = diagonal * row[places[r->slots[j]]];
         }
         trace += r->a[i * r->count + i];
     }
@@ -312,31 +378,41 @@ static void drop_slot(row_program *r, uint32_t out) {
     r->count = n - 1;
 }
 
-static void minimize_row(const sweep_job *job, uint32_t v, uint32_t worker) {
+static void minimize_row(const sweep_job *job, uint32_t v, const pci_skin_group *g) {
     const pci_skin_quadratic *q = job->q;
+    const size_t own = (size_t)v * q->slots, row = (size_t)q->slots * (g->row_numbers[v] - 1);
     row_program r;
-    extract_row(job, v, worker, &r);
+    extract_row(job, v, g, &r);
     pci_simplex_minimize(r.count, r.a, r.ridge, r.weights, r.gradient);
     while (job->kept > 0 && r.count > job->kept) {
         const uint32_t out = pci_simplex_least(r.count, r.a, r.ridge, r.weights);
-        job->allowed[v] &= ~((uint32_t)1 << r.slots[out]);
-        job->weights[(size_t)v * q->slots + r.slots[out]] = 0.0;
+        const uint32_t slot = r.slots[out];
+        job->allowed[v] &= ~((uint32_t)1 << slot);
+        job->weights[own + slot] = 0.0;
+        g->moved[row + slot] = -job->reference[own + slot];
         drop_slot(&r, out);
         pci_simplex_minimize(r.count, r.a, r.ridge, r.weights, r.gradient);
     }
     for (uint32_t i = 0; i < r.count; ++i) {
-        job->weights[(size_t)v * q->slots + r.slots[i]] = r.weights[i];
+        const uint32_t slot = r.slots[i];
+        job->weights[own + slot] = r.weights[i];
+        g->moved[row + slot] = r.weights[i] - job->reference[own + slot];
     }
 }
 
 static void sweep_groups(void *user, size_t begin, size_t end, uint32_t worker) {
     const sweep_job *job = user;
     const pci_skin_quadratic *q = job->q;
+    pci_skin_group *g = &q->loaded[worker];
     for (size_t i = begin; i < end; ++i) {
         const uint32_t group = job->groups[i];
         const uint32_t first = q->group_offsets[group], last = q->group_offsets[group + 1];
+        load_group(job, group, g);
         for (uint32_t m = first; m < last; ++m) {
-            minimize_row(job, q->members[job->backward ? last - 1 - (m - first) : m], worker);
+            minimize_row(job, q->members[job->backward ? last - 1 - (m - first) : m], g);
+        }
+        for (size_t r = 0; r < g->row_count; ++r) {
+            g->row_numbers[g->vertices[r]] = 0;
         }
     }
 }

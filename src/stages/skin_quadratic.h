@@ -9,6 +9,19 @@
 
 #include "stages/skin_internal.h"
 
+// What the vertices of one group need, close together in memory.
+typedef struct pci_skin_group {
+    uint32_t row_count, bone_count;
+    uint32_t *row_numbers;  // #V: 1 + number of the row, or 0
+    uint32_t *bone_numbers; // #P: likewise, while the group is loaded
+    uint32_t *vertices;     // #rows
+    uint32_t *places;       // #rows by slots: numbers of the bones
+    double *moved;          // #rows by slots: w - w0
+    uint32_t *bones;        // #bones
+    double *gram;           // #bones by #bones
+    double *accumulator;    // #bones
+} pci_skin_group;
+
 typedef struct pci_skin_quadratic {
     pc_context *context;
     size_t vertex_count, proxy_count;
@@ -25,9 +38,7 @@ typedef struct pci_skin_quadratic {
     const uint32_t *members;  // #V
     uint32_t *colour_offsets; // #colours + 1, into groups
     uint32_t *groups;         // #groups, by colour
-    double *accumulators;     // #threads by #P
-    uint8_t *marks;           // #threads by #P
-    uint32_t *touched;        // #threads by #P + 1
+    pci_skin_group *loaded;   // #threads
 } pci_skin_quadratic;
 
 // `scale`: factors of the losses; `diagonal` (#V): what else M / 2 has there. `gram` and `allowed`

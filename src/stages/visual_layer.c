@@ -1,5 +1,7 @@
 #include "stages/visual_layer.h"
 
+#include <stdatomic.h>
+
 #include "core/core.h"
 #include "core/manifold.h"
 #include "core/topology.h"
@@ -23,9 +25,10 @@ typedef struct probe {
     const pci_bvh *bvh;
     const pc_mesh *mesh;
     const uint32_t *component; // #F
+    size_t component_count;
     double reach;
-    uint8_t *sees;    // #F, bit 0: a back close behind it, bit 1: a front close before it
-    uint8_t *touches; // #F, another component within reach
+    uint8_t *sees;       // #F, bit 0: a back close behind it, bit 1: a front close before it
+    atomic_bool touches; // two components are within reach: nothing else matters
 } probe;
 
 static bool sees(const probe *p, const double point[3], const double normal[3], double side) {
@@ -37,8 +40,8 @@ static bool sees(const probe *p, const double point[3], const double normal[3], 
 
 static void look_around(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
-    const probe *p = user;
-    for (size_t t = begin; t < end; ++t) {
+    probe *p = user;
+    for (size_t t = begin; t < end && !atomic_load(&p->touches); ++t) {
         const double *corners[3];
         double u[3], v[3], normal[3], middle[3];
         for (size_t c = 0; c < 3; ++c) {
@@ -51,9 +54,12 @@ static void look_around(void *user, size_t begin, size_t end, uint32_t worker) {
             middle[k] = (corners[0][k] + corners[1][k] + corners[2][k]) / 3.0;
         }
         uint32_t near[most_near];
-        const size_t count = pci_bvh_collect(p->bvh, middle, p->reach, most_near, near);
+        const size_t count =
+            p->component_count > 1 ? pci_bvh_collect(p->bvh, middle, p->reach, most_near, near) : 0;
         for (size_t i = 0; i < count && i < most_near; ++i) {
-            p->touches[t] |= p->component[near[i]] != p->component[t];
+            if (p->component[near[i]] != p->component[t]) {
+                atomic_store(&p->touches, true);
+            }
         }
         if (pci_normalize(normal)) {
             p->sees[t] =
@@ -99,16 +105,16 @@ static bool all_open(pci_scratch *scratch, const pc_mesh *mesh, const pci_topolo
     return all;
 }
 
-static pci_layering classify(const probe *p) {
+static pci_layering classify(probe *p) {
     double area = 0.0, back = 0.0, front = 0.0;
     for (size_t t = 0; t < p->mesh->triangle_count; ++t) {
         const double a = pci_triangle_area(p->mesh, t);
         area += a;
         back += p->sees[t] & 1 ? a : 0.0;
         front += p->sees[t] & 2 ? a : 0.0;
-        if (p->touches[t]) {
-            return PCI_LAYERED;
-        }
+    }
+    if (atomic_load(&p->touches)) {
+        return PCI_LAYERED;
     }
     if (back + front <= plain_share * area) {
         return PCI_PLAIN;
@@ -126,13 +132,12 @@ static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh 
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
     probe p = {.mesh = layer, .component = component, .reach = cell_size};
     p.sees = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
-    p.touches = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
     uint8_t *missed = PCI_SCRATCH(scratch, uint8_t, surface->vertex_count);
     if (scratch->failed || !pci_topology_build(scratch, layer, &topology)) {
         return pci_fail_memory(context, stage);
     }
-    const size_t count = pci_triangle_components(scratch, layer, &topology, component);
-    if (!all_open(scratch, layer, &topology, component, count)) {
+    p.component_count = pci_triangle_components(scratch, layer, &topology, component);
+    if (!all_open(scratch, layer, &topology, component, p.component_count)) {
         return scratch->failed ? pci_fail_memory(context, stage) : PC_OK;
     }
     pci_bvh *bvh = NULL;

@@ -126,7 +126,10 @@ for shard in 1 2 3; do
     cat stdout >>shards
 done
 [ "$(sort -u shards | wc -l)" -eq 7 ] || fail "the shards do not share the garments"
+[ -s whole/report.html ] || fail "no page"
+[ ! -e parts/report.html ] || fail "a page of a shard"
 batch 1 in -o parts
+[ -s parts/report.html ] || fail "no page of collected shards"
 lines 0 '"ran":true'
 for file in whole/garments/*/*; do
     case $file in

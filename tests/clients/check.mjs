@@ -5,10 +5,11 @@
 //
 // The clients are npm packages that are looked for in the folder PROXYCLOTH_CLIENTS:
 //   cd FOLDER && npm install gltf-validator @babylonjs/core @babylonjs/loaders three
-// Blender is looked for in PATH (Debian: apt install blender python3-numpy).
+// Blender and Godot are looked for in PATH (Debian: apt install blender python3-numpy godot3 xvfb).
 // Exit code: 0 all agree, 1 a difference, 77 no client is installed (skipped).
 import { execFileSync, spawnSync } from 'node:child_process';
-import { existsSync, mkdtempSync, readFileSync, rmSync } from 'node:fs';
+import { copyFileSync, existsSync, mkdirSync, mkdtempSync, readFileSync, rmSync,
+         writeFileSync } from 'node:fs';
 import { createRequire } from 'node:module';
 import { tmpdir } from 'node:os';
 import { join, resolve } from 'node:path';
@@ -60,8 +61,12 @@ async function babylon(glb, expected, compare) {
       compare(primitive, frame, mesh.getPositionData(true));
     });
   }
+  const proxy = meshes.find((mesh) => mesh.metadata?.gltf?.extras?.proxycloth);
+  // Babylon puts the root of the joints before them.
+  const bones = proxy.skeleton.bones.slice(1).map((bone) => bone.name);
+  const extras = { ...proxy.metadata.gltf.extras.proxycloth, bones };
   engine.dispose();
-  return meshes.length;
+  return { count: meshes.length, extras };
 }
 
 async function three(glb, expected, compare) {
@@ -94,7 +99,52 @@ async function three(glb, expected, compare) {
       compare(primitive, frame, positions);
     });
   }
-  return meshes.length;
+  const proxy = meshes.find((mesh) => mesh.userData.proxycloth);
+  const bones = proxy.skeleton.bones.map((bone) => bone.name);
+  return { count: meshes.length, extras: { ...proxy.userData.proxycloth, bones } };
+}
+
+// Whether a client hands on what a cloth solver needs: bone i is proxy vertex i, and springs are as
+// long as at rest. `rest`: the proxy's vertices in the file.
+function checkExtras(extras, rest) {
+  const { joints, bones, triangles, pinned, stretch_springs: stretch, bend_springs: bend } = extras;
+  const point = (v) => rest.slice(3 * v, 3 * v + 3);
+  const long = (springs) => springs.rest_lengths.every((length, i) => {
+    const [a, b] = [point(springs.vertices[2 * i]), point(springs.vertices[2 * i + 1])];
+    return Math.abs(length - Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2])) < 1e-6;
+  });
+  return String(joints) === String(bones) && 3 * joints.length === rest.length &&
+    triangles.length > 0 && triangles.length % 3 === 0 && Math.max(...triangles) < joints.length &&
+    pinned.length > 0 && Math.max(...pinned) < joints.length &&
+    stretch.rest_lengths.length > 0 && long(stretch) && stretch.stiffness > 0 &&
+    bend.rest_lengths.length > 0 && long(bend) && bend.stiffness > 0 &&
+    extras.simulation.time_step > 0;
+}
+
+// The JSON of a GLB file, and the positions of the last mesh, which is the proxy's.
+function restPositions(glb) {
+  const length = glb.readUInt32LE(12);
+  const json = JSON.parse(glb.subarray(20, 20 + length));
+  const accessor = json.accessors[json.meshes.at(-1).primitives[0].attributes.POSITION];
+  const view = json.bufferViews[accessor.bufferView];
+  const start = 28 + length + (view.byteOffset ?? 0) + (accessor.byteOffset ?? 0);
+  return Array.from({ length: accessor.count }, (_, i) => [0, 4, 8].map((k) =>
+    glb.readFloatLE(start + (view.byteStride ?? 12) * i + k))).flat();
+}
+
+// Godot's editor imports the files of a project; a script poses them.
+function godot(folder) {
+  const project = join(folder, 'godot');
+  mkdirSync(project);
+  copyFileSync(join(folder, 'tube_4.glb'), join(project, 'tube.glb'));
+  copyFileSync(join(folder, 'tube_4.json'), join(project, 'tube.json'));
+  copyFileSync(new URL('check_godot.gd', import.meta.url), join(project, 'check_godot.gd'));
+  writeFileSync(join(project, 'project.godot'), 'config_version=4\n');
+  const run = (...words) => spawnSync('xvfb-run', ['-a', 'godot3', '--path', project, ...words,
+    '--audio-driver', 'Dummy', '--video-driver', 'GLES2'],
+    { encoding: 'utf8', timeout: 300e3, env: { ...process.env, HOME: project } });
+  run('--editor', '--quit');
+  return run('-s', 'check_godot.gd');
 }
 
 // How many influences a client reads.
@@ -102,9 +152,10 @@ const posing = [
   { name: 'babylon.js', package: '@babylonjs/loaders', run: babylon, influences: 8 },
   { name: 'three.js', package: 'three', run: three, influences: 4 },
 ].filter((client) => installed(client.package));
-const blender = !spawnSync('blender', ['--version']).error;
-if (posing.length === 0 && !installed('gltf-validator') && !blender) {
-  console.log('skipped: no Blender, and PROXYCLOTH_CLIENTS names no folder with clients');
+const found = (program) => !spawnSync(program, ['--help']).error;
+const blender = found('blender'), hasGodot = found('godot3') && found('xvfb-run');
+if (posing.length === 0 && !installed('gltf-validator') && !blender && !hasGodot) {
+  console.log('skipped: no Blender, no Godot, and PROXYCLOTH_CLIENTS names no folder with clients');
   process.exit(77);
 }
 
@@ -125,11 +176,13 @@ try {
     }
     for (const client of posing.filter((c) => influences <= c.influences)) {
       let largest = 0;
-      const count = await client.run(glb, expected, (primitive, frame, positions) => {
+      const { count, extras } = await client.run(glb, expected, (primitive, frame, positions) => {
         largest = Math.max(largest, distance(positions, expected.primitives[primitive][frame]));
       });
       report(count === 3 && largest < 1e-5,
              `${client.name}, ${influences} influences: ${count} meshes, difference ${largest}`);
+      report(checkExtras(extras, restPositions(glb)),
+             `${client.name}: joints, triangles, pins and springs of the proxy`);
     }
   }
   // The only one that reads 12.
@@ -139,6 +192,11 @@ try {
       join(folder, 'tube_12.glb'), join(folder, 'tube_12.json')], { encoding: 'utf8' });
     const line = run.stdout.split('\n').find((text) => text.startsWith('difference'));
     report(run.status === 0, `blender, 12 influences: ${line ?? run.stderr}`);
+  }
+  if (hasGodot) {
+    const run = godot(folder);
+    const line = run.stdout.split('\n').find((text) => text.startsWith('difference'));
+    report(run.status === 0, `godot, 4 influences: ${line ?? run.stdout + run.stderr}`);
   }
 } finally {
   rmSync(folder, { recursive: true });

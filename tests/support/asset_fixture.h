@@ -230,6 +230,9 @@ static inline void fixture_asset(pc_context *context, uint32_t influences, pc_as
         fixture_record(info->report, false, 10u * (size_t)stage,
                        (char *)&asset->reports + info->report_offset);
     }
+    // There is no character.
+    asset->options.skin.body_blend = 0.0;
+    asset->options.skin.body_channel = PC_BODY_CHANNEL_NONE;
 }
 
 #endif

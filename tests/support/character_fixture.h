@@ -12,7 +12,7 @@ static inline void fixture_character(pc_context *context, const double center[3]
                                      uint32_t joint, pc_character *character) {
     char names[2][64] = {"root", "arm"}, clips[1][64] = {"turn"}, parts[1][64] = {"Ball_Mesh"};
     double centers[6] = {0.0, 0.0, 0.0, 1.0, 0.0, 0.0}, rates[1] = {30.0};
-    uint32_t ranges[2] = {0, FIXTURE_POSES};
+    uint32_t ranges[2] = {0, FIXTURE_POSES}, parents[2] = {PC_INVALID_INDEX, 0};
     float poses[FIXTURE_POSES * 2 * 12] = {0};
     for (size_t p = 0; p < FIXTURE_POSES; ++p) {
         float *root = &poses[24 * p], *arm = root + 12;
@@ -39,6 +39,7 @@ static inline void fixture_character(pc_context *context, const double center[3]
     const pc_character arrays = {.joint_count = 2,
                                  .joint_names = names[0],
                                  .joint_centers = centers,
+                                 .joint_parents = parents,
                                  .clip_count = 1,
                                  .clip_names = clips[0],
                                  .clip_poses = ranges,

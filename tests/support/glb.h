@@ -119,41 +119,91 @@ static inline double *read_attribute(const glb *g, const cJSON *primitive, const
     return read_accessor(g, number(child(primitive, "attributes"), name), count);
 }
 
+// Numbers of a property of a node at a frame: animated, else as given, else `missing`.
+static inline void node_property(const glb *g, size_t node, const char *path, size_t frame,
+                                 size_t width, const double *missing, double *values) {
+    const cJSON *given = cJSON_GetObjectItem(element(g, "nodes", node), path);
+    for (size_t k = 0; k < width; ++k) {
+        values[k] = given != NULL ? cJSON_GetArrayItem(given, (int)k)->valuedouble : missing[k];
+    }
+    const cJSON *animation = element(g, "animations", 0), *channel;
+    cJSON_ArrayForEach(channel, child(animation, "channels")) {
+        const cJSON *target = child(channel, "target");
+        if (number(target, "node") != node ||
+            strcmp(child(target, "path")->valuestring, path) != 0) {
+            continue;
+        }
+        const cJSON *sampler =
+            cJSON_GetArrayItem(child(animation, "samplers"), (int)number(channel, "sampler"));
+        size_t frames = 0;
+        double *all = read_accessor(g, number(sampler, "output"), &frames);
+        assert_int_equal(frames, FIXTURE_FRAMES);
+        memcpy(values, &all[width * frame], width * sizeof(double));
+        free(all);
+    }
+}
+
+// out = a b, affine, 3 rows of 4.
+static inline void multiply_affine(const double a[12], const double b[12], double out[12]) {
+    for (size_t i = 0; i < 12; ++i) {
+        const size_t row = i / 4, column = i % 4;
+        out[i] = column == 3 ? a[4 * row + 3] : 0.0;
+        for (size_t k = 0; k < 3; ++k) {
+            out[i] += a[4 * row + k] * b[4 * k + column];
+        }
+    }
+}
+
+// The transform of a node to the scene at a frame.
+static inline void node_to_scene(const glb *g, size_t node, size_t frame, double out[12]) {
+    static const double zero[3] = {0}, one[3] = {1, 1, 1}, still[4] = {0, 0, 0, 1};
+    double t[3], q[4], s[3];
+    node_property(g, node, "translation", frame, 3, zero, t);
+    node_property(g, node, "rotation", frame, 4, still, q);
+    node_property(g, node, "scale", frame, 3, one, s);
+    const double x = q[0], y = q[1], z = q[2], w = q[3];
+    assert_close(x * x + y * y + z * z + w * w, 1.0, 1e-5);
+    const double local[12] = {s[0] * (1 - 2 * (y * y + z * z)), s[1] * 2 * (x * y - z * w),
+                              s[2] * 2 * (x * z + y * w),       t[0],
+                              s[0] * 2 * (x * y + z * w),       s[1] * (1 - 2 * (x * x + z * z)),
+                              s[2] * 2 * (y * z - x * w),       t[1],
+                              s[0] * 2 * (x * z - y * w),       s[1] * 2 * (y * z + x * w),
+                              s[2] * (1 - 2 * (x * x + y * y)), t[2]};
+    memcpy(out, local, sizeof(local));
+    const cJSON *parent;
+    size_t index = 0;
+    cJSON_ArrayForEach(parent, child(g->json, "nodes")) {
+        const cJSON *children = cJSON_GetObjectItem(parent, "children"), *one_child;
+        cJSON_ArrayForEach(one_child, children) {
+            if ((size_t)one_child->valueint == node) {
+                double above[12];
+                node_to_scene(g, index, frame, above);
+                multiply_affine(above, local, out);
+            }
+        }
+        ++index;
+    }
+}
+
 // Poses a primitive of a skinned mesh at a frame as an engine would: joint matrices from the
-// animated translations and the inverse bind matrices, all influences.
+// animated nodes and the inverse bind matrices, all influences.
 static inline double *pose_primitive(const glb *g, const cJSON *primitive, size_t frame,
                                      size_t *count) {
     const cJSON *skin = element(g, "skins", 0), *joints = child(skin, "joints");
     const size_t joint_count = (size_t)cJSON_GetArraySize(joints);
     size_t matrix_count = 0;
-    double *matrices = read_accessor(g, number(skin, "inverseBindMatrices"), &matrix_count);
+    double *inverse = read_accessor(g, number(skin, "inverseBindMatrices"), &matrix_count);
     assert_int_equal(matrix_count, joint_count);
-    double *offsets = calloc(3 * joint_count, sizeof(double));
-    const cJSON *animation = element(g, "animations", 0);
-    size_t channels = 0;
-    const cJSON *channel;
-    cJSON_ArrayForEach(channel, child(animation, "channels")) {
-        const cJSON *target = child(channel, "target");
-        assert_string_equal(child(target, "path")->valuestring, "translation");
-        const size_t node = number(target, "node");
-        size_t joint = 0;
-        while (joint < joint_count &&
-               (size_t)cJSON_GetArrayItem(joints, (int)joint)->valueint != node) {
-            ++joint;
+    double *maps = calloc(12 * joint_count, sizeof(double));
+    assert_non_null(maps);
+    for (size_t j = 0; j < joint_count; ++j) {
+        double node[12], bind[12];
+        for (size_t i = 0; i < 12; ++i) {
+            bind[i] = inverse[16 * j + 4 * (i % 4) + i / 4];
         }
-        assert_true(joint < joint_count);
-        const cJSON *sampler =
-            cJSON_GetArrayItem(child(animation, "samplers"), (int)number(channel, "sampler"));
-        size_t frames = 0;
-        double *translations = read_accessor(g, number(sampler, "output"), &frames);
-        assert_int_equal(frames, FIXTURE_FRAMES);
-        for (size_t k = 0; k < 3; ++k) {
-            offsets[3 * joint + k] = translations[3 * frame + k] + matrices[16 * joint + 12 + k];
-        }
-        free(translations);
-        ++channels;
+        node_to_scene(g, (size_t)cJSON_GetArrayItem(joints, (int)j)->valueint, frame, node);
+        multiply_affine(node, bind, &maps[12 * j]);
     }
-    assert_int_equal(channels, joint_count);
 
     double *posed = read_attribute(g, primitive, "POSITION", count);
     double *sums = calloc(*count, sizeof(double));
@@ -176,7 +226,9 @@ static inline double *pose_primitive(const glb *g, const cJSON *primitive, size_
             const size_t v = i / 4, joint = (size_t)bones[i];
             assert_true(joint < joint_count && (weights[i] > 0.0 || joint == 0));
             for (size_t k = 0; k < 3; ++k) {
-                posed[3 * v + k] += weights[i] * (rest[3 * v + k] + offsets[3 * joint + k]);
+                const double *row = &maps[12 * joint + 4 * k], *at = &rest[3 * v];
+                posed[3 * v + k] +=
+                    weights[i] * (row[0] * at[0] + row[1] * at[1] + row[2] * at[2] + row[3]);
             }
             sums[v] += weights[i];
         }
@@ -188,8 +240,8 @@ static inline double *pose_primitive(const glb *g, const cJSON *primitive, size_
     }
     free(sums);
     free(rest);
-    free(offsets);
-    free(matrices);
+    free(maps);
+    free(inverse);
     return posed;
 }
 

@@ -203,6 +203,7 @@ static void scenario_and_character_survive(void **state) {
     assert_int_equal(d->joint_count, 2);
     assert_memory_equal(c->joint_names, d->joint_names, 128);
     assert_memory_equal(c->joint_centers, d->joint_centers, 48);
+    assert_memory_equal(c->joint_parents, d->joint_parents, 8);
     assert_int_equal(d->clip_count, 1);
     assert_string_equal(d->clip_names, "turn");
     assert_memory_equal(c->clip_poses, d->clip_poses, 8);

@@ -464,6 +464,34 @@ static void degenerate_meshes_work(void **state) {
     pc_context_destroy(context);
 }
 
+// A shared mesh has one tree, whoever asks and releases; other meshes have their own.
+static void shared_trees_are_built_once(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    double positions[9] = {0, 0, 0, 1, 0, 0, 0, 1, 0};
+    uint32_t triangles[3] = {0, 1, 2};
+    const pc_mesh mesh = {3, positions, 1, triangles}, other = mesh;
+    const double point[3] = {0.25, 0.25, 2};
+    pci_bvh *first, *second, *apart;
+    pci_bvh_share(context, &mesh);
+    assert_ok(context, pci_bvh_create(context, "test", &mesh, &first));
+    pci_bvh_destroy(context, first);
+    assert_ok(context, pci_bvh_create(context, "test", &mesh, &second));
+    assert_ok(context, pci_bvh_create(context, "test", &other, &apart));
+    assert_ptr_equal(first, second);
+    assert_ptr_not_equal(apart, second);
+    assert_close(pci_bvh_closest(second, point, INFINITY).distance, 2.0, 0.0);
+    pci_bvh_destroy(context, second);
+    // Its end is that of the sharing; what is created then belongs to the caller again.
+    pci_bvh_share(context, NULL);
+    positions[2] = positions[5] = positions[8] = 1.0;
+    assert_ok(context, pci_bvh_create(context, "test", &mesh, &second));
+    assert_close(pci_bvh_closest(second, point, INFINITY).distance, 1.0, 0.0);
+    pci_bvh_destroy(context, second);
+    pci_bvh_destroy(context, apart);
+    pc_context_destroy(context);
+}
+
 static void *no_memory(void *user, size_t size) { return *(bool *)user ? NULL : malloc(size); }
 
 static void plain_free(void *user, void *memory) {
@@ -556,6 +584,7 @@ int main(void) {
         cmocka_unit_test(cast_survives_strange_rays),
         cmocka_unit_test(queries_do_not_depend_on_threads),
         cmocka_unit_test(degenerate_meshes_work),
+        cmocka_unit_test(shared_trees_are_built_once),
         cmocka_unit_test(lack_of_memory_is_reported),
         cmocka_unit_test(building_can_be_cancelled),
         cmocka_unit_test(watched_topology_can_be_cancelled),

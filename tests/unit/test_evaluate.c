@@ -500,6 +500,41 @@ static void measures_triangle_shapes(void **state) {
     pc_context_destroy(context);
 }
 
+static void counts_triangles_by_shape(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    // Equilateral (space diagonal), legs 5 and 12 twice, and one without area.
+    double positions[] = {1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 5, 0, 0, 0, 12, 0, 10, 0, 0};
+    uint32_t triangles[] = {0, 1, 2, 3, 4, 5, 4, 3, 5, 3, 4, 6};
+    const pc_mesh mesh = MESH(positions, triangles);
+    pc_histogram histograms[PC_SHAPE_COUNT];
+    assert_ok(context, pc_evaluate_shape(context, &mesh, histograms));
+    // The angles are 60 and 22.6 degrees, the ratios 1 and 5/13, .866 and .355, 1 and 4/6.5.
+    static const struct {
+        const char *name;
+        size_t best, right;
+    } wanted[PC_SHAPE_COUNT] = {{"min_angle", 19, 7},
+                                {"edge_ratio", 19, 7},
+                                {"aspect_ratio", 17, 7},
+                                {"radius_ratio", 19, 12}};
+    for (size_t s = 0; s < PC_SHAPE_COUNT; ++s) {
+        uint64_t sum = 0;
+        for (size_t bin = 0; bin < PC_HISTOGRAM_BINS; ++bin) {
+            sum += histograms[s].counts[bin];
+        }
+        assert_string_equal(histograms[s].name, wanted[s].name);
+        assert_int_equal(sum, 4);
+        assert_int_equal(histograms[s].counts[0], 1);
+        assert_int_equal(histograms[s].counts[wanted[s].best], 1);
+        assert_int_equal(histograms[s].counts[wanted[s].right], 2);
+    }
+    const pc_mesh nothing = {0};
+    assert_int_equal(pc_evaluate_shape(context, &nothing, histograms), PC_ERROR_INVALID_MESH);
+    assert_null(histograms[0].name);
+    assert_int_equal(pc_evaluate_shape(context, &mesh, NULL), PC_ERROR_INVALID_ARGUMENT);
+    pc_context_destroy(context);
+}
+
 // ---- contract ---------------------------------------------------------------------------------
 
 static void is_the_same_at_any_thread_count(void **state) {
@@ -599,6 +634,7 @@ int main(void) {
         cmocka_unit_test(agrees_with_dense_samples_on_distance),
         cmocka_unit_test(keeps_the_bound_between_spheres),
         cmocka_unit_test(measures_triangle_shapes),
+        cmocka_unit_test(counts_triangles_by_shape),
         cmocka_unit_test(is_the_same_at_any_thread_count),
         cmocka_unit_test(refuses_bad_input),
         cmocka_unit_test(survives_a_lack_of_memory),

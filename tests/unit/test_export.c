@@ -626,6 +626,13 @@ static void report_holds_everything(void **state) {
                            (char *)&asset.reports + info->report_offset);
     }
     assert_json_record(child(json, "measures"), &pc_measures_record, &measures);
+    double triangles = 0.0;
+    for (int bin = 0; bin < PC_HISTOGRAM_BINS; ++bin) {
+        const cJSON *counts = child(child(child(json, "histograms"), "edge_ratio"), "counts");
+        assert_int_equal(cJSON_GetArraySize(counts), PC_HISTOGRAM_BINS);
+        triangles += cJSON_GetArrayItem(counts, bin)->valuedouble;
+    }
+    assert_true(triangles == (double)asset.proxy.triangle_count);
     assert_true(child(child(json, "label"), "bound")->valuedouble == asset.reports.label.bound);
     assert_string_equal(child(child(json, "label"), "outcome")->valuestring, "feasible");
     const cJSON *losses = child(json, "losses");

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 
 #include "core/cycle_bound.h"
+#include "core/cycle_search.h"
 #include "core/elimination.h"
 #include "core/maxflow.h"
 #include "core/roof_duality.h"
@@ -300,6 +301,83 @@ static void ground_cycles_fit(void **state) {
         pci_scratch_end(&scratch);
     }
     assert_true(worth > 50);
+    pc_context_destroy(context);
+}
+
+// Whether the edges form closed walks with an odd number of wishes for different labels.
+static bool is_negative_cycle(const pci_signed_graph *graph, const uint32_t *edges, size_t count) {
+    uint32_t degrees[MAX_SIGNED] = {0}, opposites = 0;
+    for (size_t k = 0; k < count; ++k) {
+        ++degrees[graph->edges[edges[k]].a];
+        ++degrees[graph->edges[edges[k]].b];
+        opposites += graph->edges[edges[k]].opposite;
+    }
+    bool closed = true;
+    for (size_t v = 0; v < graph->vertex_count; ++v) {
+        closed = closed && degrees[v] % 2 == 0;
+    }
+    return closed && opposites % 2 == 1;
+}
+
+// What the search adds are negative cycles; what it packs is due in every labelling, and what that
+// leaves of the edges stays due on top. With optimal labels, both together are often all there is.
+static void found_cycles_are_negative(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    size_t cycles = 0, filled = 0, complete = 0;
+    for (uint64_t seed = 0; seed < 200; ++seed) {
+        pci_signed_edge edges[4 * MAX_SIGNED];
+        int64_t capacities[4 * MAX_SIGNED];
+        pci_signed_graph graph;
+        random_signed_graph(seed, edges, &graph);
+        uint8_t best[MAX_SIGNED];
+        const int64_t optimum = signed_optimum(&graph);
+        for (uint32_t bits = 1; bits < 1u << graph.vertex_count; bits += 2) {
+            uint8_t labels[MAX_SIGNED];
+            decode(bits, graph.vertex_count, labels);
+            if (pci_signed_graph_cost(&graph, labels) == optimum) {
+                memcpy(best, labels, sizeof(best));
+            }
+        }
+        pci_scratch scratch = pci_scratch_begin(context);
+        pci_cycle_program program;
+        pci_cycle_search search;
+        size_t added = 0;
+        uint64_t work = 0;
+        assert_true(pci_cycle_program_create(&scratch, &graph, &program));
+        assert_true(pci_cycle_search_create(&scratch, &program, &search));
+        for (uint32_t round = 0; round < 3; ++round) {
+            assert_true(pci_cycle_search_run(&search, best, round, &added, &work));
+            pci_cycle_program_iterate(&program);
+        }
+        for (size_t c = 0, begin = 0; c < program.cycle_count; begin = program.cycles[c++].end) {
+            assert_true(
+                is_negative_cycle(&graph, &program.entries[begin], program.cycles[c].end - begin));
+        }
+        cycles += program.cycle_count;
+        for (size_t e = 0; e < graph.edge_count; ++e) {
+            capacities[e] = graph.edges[e].cost;
+        }
+        const int64_t gain = pci_cycle_search_fill(&search, best, capacities, &work);
+        for (uint32_t bits = 1; bits < 1u << graph.vertex_count; bits += 2) {
+            uint8_t labels[MAX_SIGNED];
+            decode(bits, graph.vertex_count, labels);
+            int64_t least = graph.constant + gain;
+            for (size_t e = 0; e < graph.edge_count; ++e) {
+                const pci_signed_edge *edge = &graph.edges[e];
+                assert_in_range(capacities[e], 0, edge->cost);
+                const bool differ = labels[edge->a] != labels[edge->b];
+                least += differ != edge->opposite ? capacities[e] : 0;
+            }
+            assert_true(pci_signed_graph_cost(&graph, labels) >= least);
+        }
+        filled += gain > 0;
+        complete += gain > 0 && graph.constant + gain == optimum;
+        pci_scratch_end(&scratch);
+    }
+    assert_true(cycles > 200);
+    assert_true(filled > 50);
+    assert_true(complete > 20);
     pc_context_destroy(context);
 }
 
@@ -814,6 +892,7 @@ int main(void) {
         cmocka_unit_test(elimination_is_exact),
         cmocka_unit_test(cycle_bound_holds),
         cmocka_unit_test(ground_cycles_fit),
+        cmocka_unit_test(found_cycles_are_negative),
         cmocka_unit_test(contraction_keeps_costs),
         cmocka_unit_test(roof_labels_extend_to_an_optimum),
         cmocka_unit_test(flow_equals_cut),

@@ -320,9 +320,9 @@ static void clips_move_pins(void **state) {
     pci_scratch scratch = pci_scratch_begin(context);
     scenario.attachment.loop = true;
     scenario.attachment.start = 0.5;
-    const pc_simulate_inputs inputs = {&cloth, &scenario, &plain, &character};
     pci_poses poses;
-    assert_ok(context, pci_poses_begin(&scratch, &inputs, 1.0, &poses));
+    assert_ok(context,
+              pci_poses_begin(&scratch, "test", &character, &scenario.attachment, 1.0, &poses));
     const double point[3] = {1.0, 1.0, 0.0};
     double at[3];
     pci_poses_set(&poses, 0.75); // 1.25 s into it
@@ -546,6 +546,97 @@ static void threads_do_not_matter(void **state) {
     pc_context_destroy(keeper);
 }
 
+// ---- step by step -------------------------------------------------------------------------------
+
+// Frames and steps are one simulation, with seeded winds as with a clip and the body.
+static void steps_lead_to_the_frames(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh cloth = make_cloth(context, 8, false, origin);
+    pc_character character = {0};
+    fixture_character(context, origin, 0.3, 1, &character);
+    pc_collider collider = {.kind = PC_COLLIDER_BODY};
+    const pc_scenario scenario = {
+        .attachment = {.kind = PC_ATTACHMENT_CLIP, .clip = "turn", .blend = 0.2},
+        .collider_count = 1,
+        .colliders = &collider};
+    pc_simulate_options options = default_options();
+    options.garment_size = 1.5;
+    for (int run = 0; run < 2; ++run) {
+        const pc_simulate_inputs inputs = {
+            .proxy = &cloth, .scenario = run == 0 ? NULL : &scenario, .character = &character};
+        pc_motion motion = {0};
+        pc_simulator *simulator = NULL;
+        assert_ok(context, pc_simulate_scenario(context, &inputs, &options, &motion, NULL));
+        assert_ok(context, pc_simulator_create(context, &inputs, &options, &simulator));
+        assert_memory_equal(pc_simulator_pinned(simulator), motion.pinned, 81);
+        // At rest, or where the clip's start has led it.
+        assert_int_equal(run == 0, memcmp(pc_simulator_positions(simulator), cloth.positions,
+                                          3 * 81 * sizeof(double)) == 0);
+        for (size_t f = 0; f < motion.frame_count; ++f) {
+            for (uint32_t i = 0; i < options.frame_steps; ++i) {
+                assert_ok(context, pc_simulator_step(simulator, NULL, NULL));
+            }
+            assert_memory_equal(pc_simulator_positions(simulator), &motion.positions[3 * 81 * f],
+                                3 * 81 * sizeof(double));
+        }
+        pc_simulator_destroy(simulator);
+        pc_motion_free(context, &motion);
+    }
+    pc_character_free(context, &character);
+    pc_mesh_free(context, &cloth);
+    pc_context_destroy(context);
+}
+
+// A caller's wind is as good as the scenario's, and its targets move pins and nothing else.
+static void callers_blow_and_move_pins(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh cloth = make_cloth(context, 8, false, origin);
+    pc_wind_key key = {0.0, {0.0, 0.0, 5.0}};
+    const pc_scenario windy = {.wind_count = 1, .winds = &key};
+    const pc_simulate_inputs calm_inputs = {.proxy = &cloth};
+    const pc_simulate_inputs windy_inputs = {.proxy = &cloth, .scenario = &windy};
+    pc_simulate_options options = default_options();
+    options.wind_speed = 5.0; // bounds speeds; else the two would differ
+    pc_simulator *asked = NULL, *given = NULL;
+    assert_ok(context, pc_simulator_create(context, &windy_inputs, &options, &asked));
+    assert_ok(context, pc_simulator_create(context, &calm_inputs, &options, &given));
+    for (int i = 0; i < 60; ++i) {
+        assert_ok(context, pc_simulator_step(asked, NULL, NULL));
+        assert_ok(context, pc_simulator_step(given, key.velocity, NULL));
+    }
+    const double *positions = pc_simulator_positions(given);
+    const uint8_t *pinned = pc_simulator_pinned(given);
+    assert_memory_equal(positions, pc_simulator_positions(asked), 3 * 81 * sizeof(double));
+    double targets[3 * 81];
+    for (size_t k = 0; k < 3 * 81; ++k) {
+        targets[k] = pinned[k / 3] ? cloth.positions[k] + 0.01 : (double)NAN;
+    }
+    assert_ok(context, pc_simulator_step(given, NULL, targets));
+    assert_ok(context, pc_simulator_step(given, NULL, NULL)); // stays there
+    for (size_t k = 0; k < 3 * 81; ++k) {
+        assert_true(isfinite(positions[k]));
+        if (pinned[k / 3]) {
+            assert_close(positions[k], targets[k], 1e-15);
+        }
+    }
+    const double storm[3] = {(double)INFINITY, 0.0, 0.0};
+    assert_int_equal(pc_simulator_step(given, storm, NULL), PC_ERROR_NUMERICAL);
+    assert_int_equal(pc_simulator_step(NULL, NULL, NULL), PC_ERROR_INVALID_ARGUMENT);
+    pc_simulator_destroy(asked);
+    pc_simulator_destroy(given);
+    pc_simulator_destroy(NULL);
+    assert_int_equal(pc_simulator_create(context, NULL, &options, &given),
+                     PC_ERROR_INVALID_ARGUMENT);
+    options.damping = 2.0;
+    assert_int_equal(pc_simulator_create(context, &calm_inputs, &options, &given),
+                     PC_ERROR_INVALID_OPTIONS);
+    assert_null(given);
+    pc_mesh_free(context, &cloth);
+    pc_context_destroy(context);
+}
+
 static void memory_may_run_out(void **state) {
     (void)state;
     counting_allocator counter = {0};
@@ -601,6 +692,8 @@ int main(void) {
         cmocka_unit_test(strain_is_bounded),
         cmocka_unit_test(strong_wind_on_light_cloth_stays_finite),
         cmocka_unit_test(threads_do_not_matter),
+        cmocka_unit_test(steps_lead_to_the_frames),
+        cmocka_unit_test(callers_blow_and_move_pins),
         cmocka_unit_test(memory_may_run_out),
     };
     return cmocka_run_group_tests_name("simulate_scenario", tests, NULL, NULL);

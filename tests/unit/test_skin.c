@@ -555,7 +555,7 @@ static void beats_the_closest_triangle(void **state) {
         assert_ok(f.context, pc_skin_optimize(f.context, &f.visual, &f.proxy, &train, &options,
                                               &skin, &report));
         assert_valid_skin(&skin, f.visual.vertex_count, f.proxy.vertex_count);
-        assert_int_equal(skin.influences, 4);
+        assert_int_equal(skin.influences, 8);
         assert_ok(f.context, pc_skin_closest_triangle(f.context, &f.visual, &f.proxy, &baseline));
         assert_valid_skin(&baseline, f.visual.vertex_count, f.proxy.vertex_count);
         assert_ok(f.context,

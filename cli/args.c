@@ -31,6 +31,7 @@
     X(dry_run, BOOL, 0, 0, 1, "", "Tell what would be done, and do nothing", CLI_BATCH)            \
     X(force, BOOL, 0, 0, 1, "", "Convert again what is up to date", CLI_BATCH)                     \
     X(retry_failed, BOOL, 0, 0, 1, "", "Try again what failed with the same input", CLI_BATCH)     \
+    X(changes, BOOL, 0, 0, 1, "", "Tell what got better too, and count it as worse", CLI_REGRESS)  \
     X(licences, BOOL, 0, 0, 1, "", "Print every library with its version and licence",             \
       CLI_LICENCES)                                                                                \
     X(quiet, BOOL, 0, 0, 1, "", "Print errors only", 0)                                            \
@@ -76,6 +77,8 @@ static const cli_text_flag text_flags[] = {
      CLI_OPTIONS, offsetof(cli_arguments, options_file), false},
     {"shard", "I/N", "Convert every N-th garment only, from the I-th on", CLI_BATCH,
      offsetof(cli_arguments, shard), false},
+    {"tolerances", "FILE.json", "How much worse measures may get", CLI_REGRESS,
+     offsetof(cli_arguments, tolerances), false},
     {"scenario", "FILE.json", "What the proxy goes through: winds, pins, attachment, colliders",
      CLI_SCENARIO, offsetof(cli_arguments, scenario), false},
 };
@@ -101,7 +104,7 @@ const pc_field *cli_setting_at(const cli_command *command, size_t index) {
 
 void cli_flag_name(const pc_field *field, char flag[64]) {
     size_t length = 0;
-    for (; field->name[length] != '\0' && length < 63; ++length) {
+    for (; length < 63 && field->name[length] != '\0'; ++length) {
         flag[length] = field->name[length] == '_' ? '-' : field->name[length];
     }
     flag[length] = '\0';

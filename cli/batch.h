@@ -86,10 +86,9 @@ bool batch_up_to_date(const batch_job *job, const batch_key *key, const cJSON *r
 // Path from parts joined by slashes; release with free().
 char *batch_path(const char *folder, const char *name, const char *rest);
 
-// Starts a run: locks its work folder, makes OUT/garments, and removes what runs left that were
-// killed. `lock` is closed at the end.
-int batch_workspace_begin(const cli_command *command, cli_output *output, int *lock);
-void batch_workspace_end(cli_output *output, int lock);
+// Makes OUT/garments, and removes what the garments of a run left in its work folder.
+int batch_workspace_begin(const cli_command *command, const cli_output *output);
+void batch_workspace_end(const cli_output *output);
 
 // Writes the record into the work folder of the job and moves it to its place. Returns CLI_OK, or
 // the code of a failure with its message.

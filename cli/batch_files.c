@@ -1,100 +1,43 @@
 // The folders of a batch: its work folder, and how garments get from there to their places.
-#define _DEFAULT_SOURCE // flock, fts
 #define _POSIX_C_SOURCE 200809L
 #include "batch.h"
 
 #include <dirent.h>
 #include <errno.h>
-#include <fcntl.h>
-#include <fts.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
-
-static const char lock_name[] = "batch.lock";
-
-// Removes what a folder holds, and with `itself` the folder.
-static void remove_tree(const char *path, bool itself) {
-    char *roots[] = {strdup(path), NULL};
-    FTS *walk = roots[0] != NULL ? fts_open(roots, FTS_PHYSICAL | FTS_NOCHDIR, NULL) : NULL;
-    const FTSENT *entry;
-    while (walk != NULL && (entry = fts_read(walk)) != NULL) {
-        if (entry->fts_info == FTS_DP && (itself || entry->fts_level > FTS_ROOTLEVEL)) {
-            (void)rmdir(entry->fts_accpath);
-        } else if (entry->fts_info != FTS_D && entry->fts_info != FTS_DP) {
-            (void)unlink(entry->fts_accpath);
-        }
-    }
-    if (walk != NULL) {
-        fts_close(walk);
-    }
-    free(roots[0]);
-}
-
-// Work folders of runs that were killed: nobody holds their lock.
-static void remove_abandoned(const char *folder) {
-    DIR *listing = opendir(folder);
-    for (const struct dirent *entry; listing != NULL && (entry = readdir(listing)) != NULL;) {
-        if (strncmp(entry->d_name, ".proxycloth-", strlen(".proxycloth-")) != 0) {
-            continue;
-        }
-        char *work = batch_path(folder, entry->d_name, "");
-        char *path = work != NULL ? batch_path(work, lock_name, "") : NULL;
-        const int lock = path != NULL ? open(path, O_RDONLY | O_CLOEXEC) : -1;
-        if (lock >= 0) {
-            if (flock(lock, LOCK_EX | LOCK_NB) == 0) {
-                remove_tree(work, true);
-            }
-            close(lock);
-        }
-        free(path);
-        free(work);
-    }
-    if (listing != NULL) {
-        closedir(listing);
-    }
-}
 
 static int fail_workspace(const cli_command *command, const char *path) {
     return cli_fail(command->name, CLI_OUTPUT, "%s: %s", path != NULL ? path : "work folder",
                     strerror(errno));
 }
 
-int batch_workspace_begin(const cli_command *command, cli_output *output, int *lock) {
-    remove_abandoned(output->folder);
-    char *path = batch_path(output->staging, lock_name, "");
+int batch_workspace_begin(const cli_command *command, const cli_output *output) {
     char *garments = batch_path(output->folder, "garments", "");
-    int code = CLI_OK;
-    *lock = path != NULL ? open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666) : -1;
-    if (*lock < 0 || flock(*lock, LOCK_EX | LOCK_NB) != 0) {
-        code = fail_workspace(command, path);
-    } else if (garments == NULL || (mkdir(garments, 0777) != 0 && errno != EEXIST)) {
-        code = fail_workspace(command, garments);
-    }
+    const int code = garments != NULL && (mkdir(garments, 0777) == 0 || errno == EEXIST)
+                         ? CLI_OK
+                         : fail_workspace(command, garments);
     free(garments);
-    free(path);
     return code;
 }
 
-void batch_workspace_end(cli_output *output, int lock) {
+void batch_workspace_end(const cli_output *output) {
     if (output->staging != NULL) {
-        remove_tree(output->staging, false);
+        cli_remove_tree(output->staging, false);
         char *garments = batch_path(output->folder, "garments", "");
         if (garments != NULL) {
             (void)rmdir(garments); // only when nothing arrived
         }
         free(garments);
     }
-    if (lock >= 0) {
-        close(lock);
-    }
 }
 
-// Names of the results in a folder: those of the reports, sorted.
-static bool note_results(const char *folder, const batch_job *job) {
+// Notes the results in a folder, by their reports, sorted. Removes what a child staged that was
+// killed.
+static bool take_stock(const char *folder, const batch_job *job) {
     cJSON *results = cJSON_GetObjectItemCaseSensitive(job->record, "results");
     struct dirent **entries = NULL;
     const int count = scandir(folder, &entries, NULL, alphasort);
@@ -103,6 +46,12 @@ static bool note_results(const char *folder, const batch_job *job) {
         if (dot != NULL && strcmp(dot, ".json") == 0) {
             *dot = '\0';
             cJSON_AddItemToArray(results, cJSON_CreateString(entries[i]->d_name));
+        } else if (cli_is_staging(entries[i]->d_name)) {
+            char *path = batch_path(folder, entries[i]->d_name, "");
+            if (path != NULL) {
+                cli_remove_tree(path, true);
+            }
+            free(path);
         }
         free(entries[i]);
     }
@@ -162,7 +111,7 @@ static bool swap(const landing *l, batch_job *job) {
     if (stat(l->log, &info) == 0 && info.st_size == 0) {
         (void)unlink(l->log);
     }
-    return note_results(l->from, job) && write_text(l->record, job->record) &&
+    return take_stock(l->from, job) && write_text(l->record, job->record) &&
            (rename(l->to, l->old) == 0 || errno == ENOENT) && rename(l->from, l->to) == 0;
 }
 
@@ -176,7 +125,7 @@ int batch_land(const cli_output *output, batch_job *job, char *message, size_t s
         snprintf(message, size, "%s/garments/%s: %s", output->folder, job->id, strerror(errno));
     }
     if (l.old != NULL) {
-        remove_tree(l.old, true);
+        cli_remove_tree(l.old, true);
     }
     free(l.from);
     free(l.record);

@@ -25,37 +25,6 @@ char *batch_path(const char *folder, const char *name, const char *rest) {
 
 // ---- hashes -------------------------------------------------------------------------------------
 
-// A whole file with a zero behind it, released with free(). Returns 0 or an errno value.
-static int read_file(const char *path, char **bytes, size_t *size) {
-    FILE *file = fopen(path, "rb");
-    size_t capacity = 1 << 16;
-    int error = file == NULL ? errno : 0;
-    *bytes = NULL;
-    *size = 0;
-    for (char *grown; error == 0; capacity *= 2) {
-        if ((grown = realloc(*bytes, capacity)) == NULL) {
-            error = ENOMEM;
-            break;
-        }
-        *bytes = grown;
-        errno = 0;
-        *size += fread(*bytes + *size, 1, capacity - 1 - *size, file);
-        if (*size < capacity - 1) {
-            error = ferror(file) ? (errno != 0 ? errno : EIO) : 0;
-            (*bytes)[*size] = '\0';
-            break;
-        }
-    }
-    if (file != NULL) {
-        fclose(file);
-    }
-    if (error != 0) {
-        free(*bytes);
-        *bytes = NULL;
-    }
-    return error;
-}
-
 // Adds the content of a file that the input names, where it can be read: the importer decides
 // whether it is needed.
 static void add_neighbour(sha256 *hash, const char *input, const char *name, size_t length) {
@@ -67,7 +36,7 @@ static void add_neighbour(sha256 *hash, const char *input, const char *name, siz
         memcpy(path, input, folder);
         memcpy(path + folder, name, length);
         path[folder + length] = '\0';
-        if (read_file(path, &bytes, &size) == 0) {
+        if (cli_read_file(path, &bytes, &size) == 0) {
             sha256_add(hash, bytes, size);
         }
     }
@@ -95,7 +64,7 @@ static void add_neighbours(sha256 *hash, const char *path, const char *text) {
 static int hash_input(const batch_job *job, char text[65], char *message, size_t size) {
     char *bytes;
     size_t count;
-    const int error = read_file(job->path, &bytes, &count);
+    const int error = cli_read_file(job->path, &bytes, &count);
     if (error != 0) {
         snprintf(message, size, "%s: %s", job->path, strerror(error));
         return error == ENOENT || error == EACCES || error == EISDIR || error == ENOTDIR ||
@@ -153,7 +122,7 @@ static bool hash_options(const batch_job *job, char text[65]) {
     }
     char *scenario = NULL;
     size_t size;
-    if (arguments->scenario != NULL && read_file(arguments->scenario, &scenario, &size) == 0) {
+    if (arguments->scenario != NULL && cli_read_file(arguments->scenario, &scenario, &size) == 0) {
         sha256_add(&hash, scenario, size);
     }
     free(scenario);
@@ -244,7 +213,7 @@ cJSON *batch_record_read(const char *folder, const batch_job *job) {
     char *path = batch_path(folder, name, ".batch.json"), *text = NULL;
     size_t size;
     cJSON *record = NULL;
-    if (path != NULL && read_file(path, &text, &size) == 0) {
+    if (path != NULL && cli_read_file(path, &text, &size) == 0) {
         record = cJSON_Parse(text);
     }
     free(text);

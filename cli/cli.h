@@ -43,6 +43,7 @@ typedef struct cli_settings {
     bool dry_run;
     bool force;
     bool retry_failed;
+    bool changes;
     bool quiet;
     bool verbose;
 } cli_settings;
@@ -66,7 +67,8 @@ typedef enum cli_accepts {
     CLI_OPTIONS = 1 << 10,      // --options, --preset, --print-options
     CLI_BATCH = 1 << 11,        // --jobs, --shard and the like
     CLI_OUTPUT_PAGE = 1 << 12,  // -o FILE.html
-    CLI_LICENCES = 1 << 13      // --licences
+    CLI_LICENCES = 1 << 13,     // --licences
+    CLI_REGRESS = 1 << 14       // --tolerances, --changes
 } cli_accepts;
 
 enum { CLI_MAXIMUM_LEVELS = 16 };
@@ -81,6 +83,7 @@ typedef struct cli_arguments {
     const char *scenario; // each overriding the one before; flags override them all
     const char *lp;
     const char *shard; // "2/5"
+    const char *tolerances;
     const char **patterns;
     size_t pattern_count;
     bool help;
@@ -155,6 +158,7 @@ int cli_run_stage(const cli_command *command, cli_arguments *arguments);
 int cli_run_export(const cli_command *command, cli_arguments *arguments);
 int cli_run_info(const cli_command *command, cli_arguments *arguments);
 int cli_run_evaluate(const cli_command *command, cli_arguments *arguments);
+int cli_run_regress(const cli_command *command, cli_arguments *arguments);
 int cli_run_version(const cli_command *command, cli_arguments *arguments);
 int cli_run_report(const cli_command *command, cli_arguments *arguments);
 // Writes the page over all results in a folder. `file` NULL: FOLDER/report.html, with links.
@@ -213,6 +217,9 @@ int cli_fail_interrupted(const char *command);
 
 typedef enum cli_kind { CLI_KIND_SCENE, CLI_KIND_ASSET } cli_kind;
 
+// A whole file with a zero behind it, released with free(). Returns 0 or an errno value.
+int cli_read_file(const char *path, char **bytes, size_t *size);
+
 // Tells asset files from scenes by their first bytes. Prints the message on failure.
 int cli_input_kind(const char *command, const char *path, cli_kind *kind);
 
@@ -236,15 +243,22 @@ int cli_load_scenario(const cli_command *command, const cli_arguments *arguments
 // ---- output -------------------------------------------------------------------------------------
 
 // Files of one run: they are written into a staging folder inside the output folder and moved to
-// their places when all are complete. Nothing stays behind on failure.
+// their places when all are complete. Nothing stays behind on failure; what a killed run left, the
+// next one removes.
 typedef struct cli_output {
     char *folder;
     char *staging; // one of `made`
+    int lock;      // of the staging folder, held as long as the run lives
     char **made;   // folders that this run made, innermost first; NULL-terminated
     size_t made_count;
     char **names;
     size_t name_count, name_capacity;
 } cli_output;
+
+// Removes what a folder holds, and with `itself` the folder.
+void cli_remove_tree(const char *path, bool itself);
+// Whether a file name is that of a staging folder.
+bool cli_is_staging(const char *name);
 
 // Makes the folder, its missing parents, and the staging folder.
 int cli_output_begin(const cli_command *command, const char *folder, cli_output *output);

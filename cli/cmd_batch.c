@@ -309,10 +309,9 @@ static int write_page(const batch_run *r) {
 }
 
 static int run_in_folder(batch_run *r) {
-    int lock = -1;
     int code = cli_output_begin(r->command, r->arguments->output, &r->output);
     if (code == CLI_OK) {
-        code = batch_workspace_begin(r->command, &r->output, &lock);
+        code = batch_workspace_begin(r->command, &r->output);
     }
     if (code == CLI_OK) {
         code = convert(r);
@@ -323,7 +322,7 @@ static int run_in_folder(batch_run *r) {
     if (code == CLI_OK) {
         code = write_page(r);
     }
-    batch_workspace_end(&r->output, lock);
+    batch_workspace_end(&r->output);
     cli_output_end(&r->output);
     return code;
 }

@@ -38,9 +38,10 @@ static const cli_command commands_before[] = {
          "is printed; OUTDIR/batch.json is written last. A manifest (*.jsonl) has lines such as\n"
          "{\"id\": \"cape\", \"path\": \"knight.glb\", \"mesh\": \"*Cape*\", \"options\": "
          "{\"vertices\": 64}}\n"
+         "The cores are shared: with a garment per core each gets one thread.\n"
          "Exit code 1: garments failed; 75: another run may help some of them. Many machines\n"
-         "share the work with --shard; a run without it collects one report:\n"
-         "    seq 8 | parallel proxycloth batch IN -o OUTDIR --shard {}/8 --jobs 1\n",
+         "share the work with --shard (on Slurm: data/batch.slurm); a run without it collects one\n"
+         "report: seq 8 | parallel proxycloth batch IN -o OUTDIR --shard {}/8 --jobs 1\n",
      .example = "garments/ -o out --jobs 8",
      .minimum_inputs = 1,
      .maximum_inputs = SIZE_MAX,
@@ -80,6 +81,23 @@ static const cli_command commands_after[] = {
      .maximum_inputs = 2,
      .accepts = CLI_JSON | CLI_MESH | CLI_MOTION | CLI_SCENARIO,
      .run = cli_run_evaluate},
+    {.name = "regress",
+     .operands = "BASELINE [OUTDIR]",
+     .summary = "tell which garments got worse than in a baseline",
+     .details =
+         "Compares the reports below OUTDIR, of batch or build, with those of BASELINE: a folder\n"
+         "of the same kind, or a table. Prints every measure that got worse by more than its\n"
+         "tolerance, and garments that are missing; exit code 1 then. Without OUTDIR the measures\n"
+         "of BASELINE are printed as a table, to be kept as a baseline.\n"
+         "--tolerances holds tolerances that differ from the usual ones, as in {\"hausdorff\":\n"
+         "{\"absolute\": 0.01, \"relative\": 0.1}, \"min_angle_worst\": null}; null leaves a "
+         "measure\n"
+         "out.\n",
+     .example = "baseline.tsv out",
+     .minimum_inputs = 1,
+     .maximum_inputs = 2,
+     .accepts = CLI_REGRESS | CLI_JSON,
+     .run = cli_run_regress},
     {.name = "report",
      .operands = "FOLDER [-o FILE.html]",
      .summary = "one HTML page over all results in a folder",

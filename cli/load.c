@@ -1,11 +1,42 @@
 // Names, asset files, and the chosen parts of scenes.
 #include "cli.h"
 
+#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "scene.h"
+
+int cli_read_file(const char *path, char **bytes, size_t *size) {
+    FILE *file = fopen(path, "rb");
+    size_t capacity = 1 << 16;
+    int error = file == NULL ? errno : 0;
+    *bytes = NULL;
+    *size = 0;
+    for (char *grown; error == 0; capacity *= 2) {
+        if ((grown = realloc(*bytes, capacity)) == NULL) {
+            error = ENOMEM;
+            break;
+        }
+        *bytes = grown;
+        errno = 0;
+        *size += fread(*bytes + *size, 1, capacity - 1 - *size, file);
+        if (*size < capacity - 1) {
+            error = !ferror(file) ? 0 : errno != 0 ? errno : EIO;
+            (*bytes)[*size] = '\0';
+            break;
+        }
+    }
+    if (file != NULL) {
+        fclose(file);
+    }
+    if (error != 0) {
+        free(*bytes);
+        *bytes = NULL;
+    }
+    return error;
+}
 
 int cli_garment_name(const cli_command *command, const cli_arguments *arguments,
                      char name[sizeof(((pc_asset *)NULL)->name)]) {

@@ -1,13 +1,24 @@
 // Output folders: the files of a run are moved into them when all are complete.
+#define _DEFAULT_SOURCE // flock, fts
 #define _POSIX_C_SOURCE 200809L
 #include "cli.h"
 
+#include <dirent.h>
 #include <errno.h>
+#include <fcntl.h>
+#include <fts.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
+
+static const char staging_prefix[] = ".proxycloth-";
+
+bool cli_is_staging(const char *name) {
+    return strncmp(name, staging_prefix, strlen(staging_prefix)) == 0;
+}
 
 static char *join(const char *folder, const char *name, const char *extension) {
     const size_t size = strlen(folder) + strlen(name) + strlen(extension) + 2;
@@ -53,6 +64,84 @@ static int make_folders(cli_output *output) {
     return 0;
 }
 
+void cli_remove_tree(const char *path, bool itself) {
+    char *roots[] = {strdup(path), NULL};
+    FTS *walk = roots[0] != NULL ? fts_open(roots, FTS_PHYSICAL | FTS_NOCHDIR, NULL) : NULL;
+    const FTSENT *entry;
+    while (walk != NULL && (entry = fts_read(walk)) != NULL) {
+        if (entry->fts_info == FTS_DP && (itself || entry->fts_level > FTS_ROOTLEVEL)) {
+            (void)rmdir(entry->fts_accpath);
+        } else if (entry->fts_info != FTS_D && entry->fts_info != FTS_DP) {
+            (void)unlink(entry->fts_accpath);
+        }
+    }
+    if (walk != NULL) {
+        fts_close(walk);
+    }
+    free(roots[0]);
+}
+
+// Locks a staging folder; -1: another run holds it, or removed it. Where a file system has no locks
+// nothing is ever taken for abandoned.
+static int lock_staging(const char *path, bool *unlocked) {
+    const int folder = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    struct stat info;
+    if (folder < 0) {
+        return -1;
+    }
+    *unlocked = flock(folder, LOCK_EX | LOCK_NB) != 0;
+    if ((*unlocked && errno == EWOULDBLOCK) || fstat(folder, &info) != 0 || info.st_nlink == 0) {
+        close(folder);
+        return -1;
+    }
+    return folder;
+}
+
+// Removes the staging folders of runs that were killed: nobody holds their lock.
+static void remove_abandoned(const char *folder) {
+    DIR *listing = opendir(folder);
+    for (const struct dirent *entry; listing != NULL && (entry = readdir(listing)) != NULL;) {
+        if (!cli_is_staging(entry->d_name)) {
+            continue;
+        }
+        bool unlocked = true;
+        char *path = join(folder, entry->d_name, "");
+        const int lock = path != NULL ? lock_staging(path, &unlocked) : -1;
+        if (lock >= 0 && !unlocked) {
+            cli_remove_tree(path, true);
+        }
+        if (lock >= 0) {
+            close(lock);
+        }
+        free(path);
+    }
+    if (listing != NULL) {
+        closedir(listing);
+    }
+}
+
+// Makes and locks a staging folder: its path and lock, or NULL with errno. A run that starts at the
+// same time may take the folder for abandoned before it is locked.
+static char *make_staging(const char *folder, int *lock) {
+    *lock = -1;
+    for (int attempt = 0; attempt < 16; ++attempt) {
+        bool unlocked;
+        char *path = join(folder, staging_prefix, "XXXXXX");
+        if (path == NULL || mkdtemp(path) == NULL) {
+            free(path);
+            return NULL;
+        }
+        *lock = lock_staging(path, &unlocked);
+        if (*lock >= 0) {
+            return path;
+        }
+        (void)rmdir(path);
+        free(path);
+    }
+    errno = EBUSY;
+    return NULL;
+}
+
 static int fail_folder(const cli_command *command, const char *folder, int error) {
     return cli_fail(command->name, CLI_OUTPUT,
                     "%s: the output folder cannot be written: %s; choose another with -o", folder,
@@ -61,23 +150,24 @@ static int fail_folder(const cli_command *command, const char *folder, int error
 
 int cli_output_begin(const cli_command *command, const char *folder, cli_output *output) {
     memset(output, 0, sizeof(*output));
+    output->lock = -1;
     const size_t length = strlen(folder);
     output->folder = malloc(length + 1);
     output->made = calloc(length + 3, sizeof(*output->made)); // no more parts than letters
-    char *staging = join(folder, ".proxycloth-XXXXXX", "");
-    if (output->folder == NULL || output->made == NULL || staging == NULL) {
-        free(staging);
+    if (output->folder == NULL || output->made == NULL) {
         return cli_fail(command->name, CLI_LIMIT, "memory ran out");
     }
     memcpy(output->folder, folder, length + 1);
     const int error = make_folders(output);
-    if (error != 0 || mkdtemp(staging) == NULL) {
-        const int code = fail_folder(command, folder, error != 0 ? error : errno);
-        free(staging);
-        return code;
+    if (error != 0) {
+        return fail_folder(command, folder, error);
     }
-    output->staging = staging;
-    note_folder(output, staging);
+    remove_abandoned(folder);
+    output->staging = make_staging(folder, &output->lock);
+    if (output->staging == NULL) {
+        return fail_folder(command, folder, errno);
+    }
+    note_folder(output, output->staging);
     cli_abandon(output->made);
     return CLI_OK;
 }
@@ -150,6 +240,7 @@ int cli_output_commit(const cli_command *command, cli_output *output) {
 }
 
 void cli_output_end(cli_output *output) {
+    const int lock = output->staging != NULL ? output->lock : -1;
     cli_abandon(NULL);
     for (size_t i = 0; i < output->name_count; ++i) {
         char *path = join(output->staging, output->names[i], "");
@@ -163,6 +254,9 @@ void cli_output_end(cli_output *output) {
     for (size_t i = 0; i < output->made_count; ++i) {
         (void)rmdir(output->made[i]);
         free(output->made[i]);
+    }
+    if (lock >= 0) {
+        close(lock);
     }
     free(output->names);
     free(output->made);

@@ -187,6 +187,7 @@ void cli_catch_signals(void) {
     if (sigaction(SIGHUP, NULL, &hangup) == 0 && hangup.sa_handler != SIG_IGN) { // nohup
         sigaction(SIGHUP, &action, NULL);
     }
+    signal(SIGXFSZ, SIG_IGN); // a file that gets too large is a failed write, and cleaned up
 }
 
 bool cli_interrupted(void) { return interrupted != 0; }

@@ -12,21 +12,9 @@ sh "$root/src/cmake/debian_packages.sh" gcc libc6-dev make cmake pkg-config \
 cmake -S "$root" -B "$build" -DCMAKE_BUILD_TYPE=Release -DPROXYCLOTH_TESTS=OFF >/dev/null
 cmake --build "$build" -j "$jobs" >/dev/null
 
-mkdir -p "$out"
-failed=0
-for garment in "$root"/data/*.obj "$root"/data/*.glb; do
-    name=$(basename "$garment")
-    set -- build "$garment" -o "$out" --quiet
-    case $name in
-        kaykit_knight_animated.glb) set -- "$@" --mesh '*Cape*' ;; # the character's only cloth
-    esac
-    if "$build/cli/proxycloth" "$@"; then
-        printf 'done    %s\n' "$name"
-    else
-        failed=$((failed + 1))
-        printf 'failed  %s\n' "$name"
-    fi
-done
-printf '\nResults are in %s: for each garment NAME.png (open this first), NAME.glb (skinned,\n' "$out"
-printf 'animated), NAME.proxy.obj, NAME.h5 (every stage) and NAME.json (report).\n'
-[ "$failed" -eq 0 ]
+"$build/cli/proxycloth" batch "$root/data/samples.jsonl" -o "$out" --strip |
+    sed -n 's/.*"id":"\([^"]*\)".*"outcome":"\([^"]*\)".*/\2    \1/p'
+printf '\nOpen %s in a browser: every garment with its measures and contact\n' "$out/report.html"
+printf 'sheet. %s holds NAME.glb (skinned, animated), NAME.proxy.obj,\n' "$out/garments/NAME/"
+printf 'NAME.h5 (every stage), NAME.json (report), NAME.png and NAME.strip.png (pictures).\n'
+grep -q '"failed":[[:space:]]*0,' "$out/batch.json"

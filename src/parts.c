@@ -3,6 +3,7 @@
 #include <stdlib.h>
 
 #include "core/bvh.h"
+#include "core/knn.h"
 #include "core/topology.h"
 #include "core/union_find.h"
 
@@ -14,12 +15,14 @@ static const double cover_distance = 0.01;
 static const double covered_share = 0.5;
 // Share of the whole area below which a piece is decoration; so there are at most 50 parts.
 static const double small_share = 0.02;
+// Share of the border of a piece that has to run along the border of another one.
+static const double sewn_share = 0.25;
 // Fewest vertices of a proxy.
 static const uint32_t least_vertices = 4;
 
 enum { grain = 256 };
 
-// A set of triangles that share positions.
+// A set of triangles that share positions or are sewn together.
 typedef struct piece {
     double area;
     uint32_t index; // in the order of first triangles
@@ -38,6 +41,98 @@ static int compare_pieces(const void *a, const void *b) { // largest first
     return (x->index > y->index) - (x->index < y->index);
 }
 
+// ---- seams --------------------------------------------------------------------------------------
+
+// A bit of an edge of one triangle, and the piece whose border is the nearest to it.
+typedef struct border_bit {
+    uint32_t piece, other; // vertices that stand for them
+    double length;
+} border_bit;
+
+static int compare_bits(const void *left, const void *right) {
+    const border_bit *a = left, *b = right;
+    if (a->piece != b->piece) {
+        return a->piece < b->piece ? -1 : 1;
+    }
+    if (a->other != b->other) {
+        return a->other < b->other ? -1 : 1;
+    }
+    return (a->length > b->length) - (a->length < b->length);
+}
+
+// Bits no longer than `longest`, and their middles.
+static bool find_border(pci_scratch *scratch, const pc_mesh *mesh, double longest,
+                        uint32_t *parents, border_bit **bits, pci_knn *middles) {
+    pci_topology topology;
+    size_t count = 0, bit_capacity = 0, point_capacity = 0;
+    void *all = NULL, *points = NULL;
+    if (!pci_topology_build(scratch, mesh, &topology)) {
+        return false;
+    }
+    for (size_t e = 0; e < topology.edge_count; ++e) {
+        if (topology.edge_triangle_offsets[e + 1] - topology.edge_triangle_offsets[e] != 1) {
+            continue;
+        }
+        const double *a = &mesh->positions[3 * (size_t)topology.edges[2 * e]];
+        const double *b = &mesh->positions[3 * (size_t)topology.edges[2 * e + 1]];
+        const double length = sqrt(pci_squared_distance(a, b));
+        const size_t pieces = 1 + (size_t)(length / longest);
+        if (!pci_scratch_reserve(scratch, &all, &bit_capacity, count + pieces,
+                                 sizeof(border_bit)) ||
+            !pci_scratch_reserve(scratch, &points, &point_capacity, count + pieces,
+                                 3 * sizeof(double))) {
+            return false;
+        }
+        for (size_t i = 0; i < pieces; ++i, ++count) {
+            const double share = ((double)i + 0.5) / (double)pieces;
+            for (size_t k = 0; k < 3; ++k) {
+                ((double *)points)[3 * count + k] = a[k] + share * (b[k] - a[k]);
+            }
+            ((border_bit *)all)[count] = (border_bit){pci_find_root(parents, topology.edges[2 * e]),
+                                                      PC_INVALID_INDEX, length / (double)pieces};
+        }
+    }
+    *bits = all;
+    return pci_knn_build(scratch, count, points, middles);
+}
+
+// Joins the pieces whose borders run along each other, as the panels of a pattern do.
+static bool sew_pieces(pci_scratch *scratch, const pc_mesh *mesh, uint32_t *parents) {
+    enum { most_near = 16 };
+    const double reach = cover_distance * pci_diagonal(mesh);
+    border_bit *bits = NULL;
+    pci_knn middles;
+    double *lengths = PCI_SCRATCH(scratch, double, mesh->vertex_count); // of borders, by piece
+    if (lengths == NULL || !find_border(scratch, mesh, reach, parents, &bits, &middles)) {
+        return false;
+    }
+    for (uint32_t i = 0; i < middles.point_count; ++i) {
+        uint32_t near[most_near];
+        double squares[most_near];
+        const size_t count =
+            pci_knn_query(&middles, &middles.points[3 * (size_t)i], most_near, i, near, squares);
+        lengths[bits[i].piece] += bits[i].length;
+        for (size_t k = count; k-- > 0;) {
+            if (squares[k] <= reach * reach && bits[near[k]].piece != bits[i].piece) {
+                bits[i].other = bits[near[k]].piece;
+            }
+        }
+    }
+    qsort(bits, middles.point_count, sizeof(*bits), compare_bits);
+    double along = 0.0;
+    for (size_t i = 0; i < middles.point_count; ++i) {
+        const border_bit *e = &bits[i];
+        const bool same = i > 0 && e->piece == e[-1].piece && e->other == e[-1].other;
+        along = same ? along + e->length : e->length;
+        if (e->other != PC_INVALID_INDEX && along >= sewn_share * lengths[e->piece]) {
+            pci_unite(parents, e->piece, e->other);
+        }
+    }
+    return true;
+}
+
+// ---- pieces -------------------------------------------------------------------------------------
+
 // Triangles grouped by piece, the pieces largest first.
 static bool find_pieces(pci_scratch *scratch, const pc_mesh *mesh, piece **pieces, size_t *count) {
     uint32_t *parents = PCI_SCRATCH(scratch, uint32_t, mesh->vertex_count);
@@ -47,6 +142,9 @@ static bool find_pieces(pci_scratch *scratch, const pc_mesh *mesh, piece **piece
         return false;
     }
     (void)pci_vertex_components(mesh, parents);
+    if (!sew_pieces(scratch, mesh, parents)) {
+        return false;
+    }
     memset(number, 0xff, mesh->vertex_count * sizeof(*number));
     *count = 0;
     for (size_t t = 0; t < mesh->triangle_count; ++t) {

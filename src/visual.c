@@ -382,43 +382,6 @@ static bool fill_appearance(pci_scratch *scratch, const pc_visual_arrays *arrays
     return true;
 }
 
-typedef struct triple {
-    uint32_t vertices[3]; // ascending
-    uint32_t triangle;
-} triple;
-
-static int compare_triples(const void *left, const void *right) {
-    const triple *a = left, *b = right;
-    for (size_t k = 0; k < 3; ++k) {
-        if (a->vertices[k] != b->vertices[k]) {
-            return a->vertices[k] < b->vertices[k] ? -1 : 1;
-        }
-    }
-    return (a->triangle > b->triangle) - (a->triangle < b->triangle);
-}
-
-// Marks triangles with the same three positions as an earlier one.
-static bool mark_duplicates(pci_scratch *scratch, const pc_mesh *mesh, uint8_t *duplicate) {
-    triple *triples = PCI_SCRATCH(scratch, triple, mesh->triangle_count);
-    if (triples == NULL) {
-        return false;
-    }
-    for (size_t t = 0; t < mesh->triangle_count; ++t) {
-        const uint32_t *v = &mesh->triangles[3 * t];
-        const uint32_t low = v[0] < v[1] ? v[0] : v[1], high = v[0] < v[1] ? v[1] : v[0];
-        triples[t].vertices[0] = low < v[2] ? low : v[2];
-        triples[t].vertices[1] = v[2] < low ? low : v[2] < high ? v[2] : high;
-        triples[t].vertices[2] = high > v[2] ? high : v[2];
-        triples[t].triangle = (uint32_t)t;
-    }
-    qsort(triples, mesh->triangle_count, sizeof(*triples), compare_triples);
-    for (size_t i = 1; i < mesh->triangle_count; ++i) {
-        duplicate[triples[i].triangle] =
-            memcmp(triples[i].vertices, triples[i - 1].vertices, sizeof(triples[i].vertices)) == 0;
-    }
-    return true;
-}
-
 // Counts edges with too many triangles or with clashing directions; duplicates and triangles with a
 // repeated vertex do not take part.
 static bool count_edge_defects(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *duplicate,
@@ -463,7 +426,7 @@ static bool count_defects(pci_scratch *scratch, const pc_visual_arrays *arrays,
                           const pc_visual *visual, pc_visual_report *report) {
     const pc_mesh *mesh = &visual->surface;
     uint8_t *duplicate = PCI_SCRATCH(scratch, uint8_t, mesh->triangle_count);
-    if (scratch->failed || !mark_duplicates(scratch, mesh, duplicate) ||
+    if (scratch->failed || !pci_mark_duplicates(scratch, mesh, duplicate) ||
         !count_edge_defects(scratch, mesh, duplicate, report) ||
         !count_components(scratch, mesh, &report->components)) {
         return false;

@@ -1,12 +1,12 @@
 #!/bin/sh
-# Builds and passes the tests: gcc and clang with warnings as errors, then gcc with ASan and UBSan, and several
-# contexts at once with TSan.
+# Builds and passes the tests: gcc and clang with warnings as errors, then gcc with ASan and UBSan, and
+# threads with TSan. Before that cppcheck; last, the share of the lines of src/ that the tests ran.
 # Installs what is missing first. Usage: sh tests/run.sh
 set -eu
 root=$(cd "$(dirname "$0")/.." && pwd)
 jobs=$(nproc 2>/dev/null || echo 2)
 
-sh "$root/src/cmake/debian_packages.sh" gcc g++ libc6-dev make cmake pkg-config clang \
+sh "$root/src/cmake/debian_packages.sh" gcc g++ libc6-dev make cmake pkg-config clang cppcheck \
     libembree-dev libhdf5-dev libsuitesparse-dev libassimp-dev libpng-dev libcjson-dev libcmocka-dev coinor-cbc
 
 # build NAME CMAKE_ARGUMENT...: configures and builds in build/NAME, all or the one of $target.
@@ -29,7 +29,23 @@ check() {
     ctest --test-dir "$root/build/$name" --output-on-failure -j "$jobs" "$@"
 }
 
+# covers NAME PERCENT: prints the lines of src/ that the tests of build/NAME ran; fails below PERCENT.
+covers() {
+    find "$root/build/$1/CMakeFiles/proxycloth.dir" -name '*.gcda' -exec gcov -n -s "$root" -r {} + 2>/dev/null |
+        awk -v least="$2" '
+            /^File/ { counts = /src\/.*\.c/ }
+            counts && /^Lines executed/ { split($0, part, /[:%]/); n = $NF; lines += n; run += n * part[2] / 100; counts = 0 }
+            END {
+                share = lines > 0 ? 100 * run / lines : 0
+                printf "lines of src/ run by the tests: %.1f %% of %d\n", share, lines
+                exit share < least
+            }'
+}
+
 mkdir -p "$root/build"
+printf '\n== cppcheck\n'
+(cd "$root" && cppcheck -q -j "$jobs" --enable=warning,portability,performance --std=c11 --platform=unix64 \
+    --error-exitcode=1 --suppress=missingIncludeSystem --suppressions-list=.cppcheck -I include -I src src cli)
 build clang -DCMAKE_C_COMPILER=clang -DCMAKE_BUILD_TYPE=Release
 check clang -L unit
 build sanitize -DCMAKE_C_COMPILER=gcc -DCMAKE_BUILD_TYPE=RelWithDebInfo \
@@ -43,5 +59,9 @@ export TSAN_OPTIONS
 check thread -R '^contexts$'
 unset TSAN_OPTIONS
 target=
+build coverage -DCMAKE_C_COMPILER=gcc -DCMAKE_BUILD_TYPE=None "-DCMAKE_C_FLAGS=-O1 --coverage" -DPROXYCLOTH_CLI=OFF
+find "$root/build/coverage" -name '*.gcda' -delete
+check coverage -L unit
+covers coverage 90
 build gcc -DCMAKE_C_COMPILER=gcc -DCMAKE_BUILD_TYPE=Release
 check gcc

@@ -8,20 +8,21 @@
 /// rim of a small part is never closed.
 ///
 /// DEVIATION: cloth that is modelled with its thickness, a closed shell of two skins up to four
-/// voxels apart with a rim between them, counts as its outer skin (the larger one), however its
-/// openings lie to the voxels.
+/// voxels apart with a rim between them, counts as its outer skin (the larger one). Components that
+/// lie within a voxel of larger ones everywhere (linings, pockets, buttons, the second side of a
+/// cape) do not count.
 ///
 /// DEVIATION: a garment that is one clean sheet already (many simulation garments are) needs no
 /// labels: the projected mesh can only be farther from it, and closes gaps below two voxels. With
-/// `layer_source` auto the visual mesh itself is taken, repaired to a manifold, its shells peeled
-/// to their outer skins, and with holes of less than 3 voxels around filled, when each of its parts
-/// has a border, no two parts come within a voxel of each other, every visual vertex is within a
-/// voxel (or the thickness of a shell) of it, and
+/// `layer_source` auto what counts of the visual mesh is taken itself, repaired to a manifold and
+/// with holes of less than 3 voxels around filled, when each of its parts has a border, no two
+/// parts come within a voxel of each other, every visual vertex is within a voxel (and the
+/// thickness of a shell) of it, and
 /// - at most 2 % of its area sees another sheet within a voxel, or
-/// - it is folded: at most 15 % sees a back behind it within a voxel, no more than 5 % more
-///   than see a front before them (a lining shows backs only), and the labels give another number
-///   of components or loops, or leave 1 % of its vertices more than 2 voxels away. Folds narrower
-///   than about four voxels are flattened then: a coarse proxy would crumple in them.
+/// - it is folded: as much of it sees a back behind it within a voxel as a front before it (up to
+///   5 % of the area, or twice as much; a lining shows backs only), and the labels give another
+///   number of components or loops, or leave 1 % of its vertices more than 2 voxels away. Folds
+///   narrower than about four voxels are flattened then: a coarse proxy would crumple in them.
 ///
 /// The border of the layer follows the voxels; with `snap_border` it is moved onto the garment's
 /// hems within 1.5 voxels (edges of one triangle with no other cloth in front), and the surface
@@ -29,9 +30,10 @@
 ///
 /// Openings narrower than two voxels (cuffs, a neckline, the foot of a leg) are closed in the
 /// iso-surface. Always on: a part of the layer that leaves the visual mesh sideways by more than
-/// `carve_distance`, and around which the visual mesh ends (rims on at least 9 of 12 sides), is
-/// such a membrane and is cut out along the isoline of that distance. What bridges two surfaces, as
-/// between the legs, has no rim around it and stays, as does what holds the layer together.
+/// `carve_distance`, around which the visual mesh ends (rims on at least 9 of 12 sides), and behind
+/// which there is no other cloth within 1.5 voxels, is such a membrane and is cut out along the
+/// isoline of that distance. What bridges two surfaces, as between the legs, has no rim around it
+/// and stays, as does what holds the layer together.
 ///
 /// With `carve` on, everything farther than `carve_distance` beside the visual mesh is cut away
 /// (section 5.1), so that separate parts can move freely.

@@ -34,10 +34,14 @@ extern "C" {
 ///       stiffness      share of the difference that a whole step takes away, 0..1
 ///     simulation       pc_simulate_options by name; garment_size is the diagonal in metres to which
 ///                      the proxy is scaled while it is simulated, 0 where it is not
+/// - With `skin.body_blend` or `skin.body_channel` (body.h): the character's joints too, behind the
+///   proxy's in the skin, with their names and their tree under the same root. Weights are the
+///   mixture of both, the K largest of a vertex; the scenario's clip becomes channels of the same
+///   animation. Joints whose maps shear are written as rotation and scale nearest to that.
 /// Lengths are written as they are; glTF takes them for metres and y for up.
 /// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (a stage is missing, or the asset is inconsistent);
-///         PC_ERROR_TOO_LARGE (above 65536 proxy vertices or 4 GiB); PC_ERROR_IO;
-///         PC_ERROR_OUT_OF_MEMORY.
+///         PC_ERROR_TOO_LARGE (above 65536 joints, `skin.max_bones` or 4 GiB); PC_ERROR_IO;
+///         PC_ERROR_OUT_OF_MEMORY; with a body also what pc_body_skin_create returns.
 PC_NODISCARD pc_status pc_export_glb(pc_context *context, const pc_asset *asset, const char *path);
 
 /// Writes a mesh as Wavefront OBJ; positions read back as the same doubles.

@@ -4,7 +4,9 @@
 /// that the grid can tell from the others. Where each garment should get an asset of its own, split
 /// the visual mesh first, share the vertices, and run the pipeline on each part.
 ///
-/// What a part is: pieces of the surface that share no position are taken by area, largest first.
+/// What a part is: pieces of the surface share no position, and less than a quarter of the border of
+/// each runs within 0.01 of the diagonal along the border of another one: what does is sewn together
+/// (the panels of a pattern, a sleeve at its armhole). They are taken by area, largest first.
 /// A piece joins an earlier part
 /// - when at least half of its area is nearer to that part than 0.01 of the diagonal of the mesh
 ///   (linings, pockets, patches), the part that covers most of it;

@@ -5,6 +5,7 @@
 #include <pthread.h>
 
 #include "core/context.h"
+#include "core/topology.h"
 
 // Embree sees every triangle as a box in coordinates where the mesh fits a cube of side 1 around
 // the origin, so that float is precise enough at any size and place of the mesh. The boxes are
@@ -18,6 +19,7 @@
 
 struct pci_bvh {
     const pc_mesh *mesh;
+    uint8_t *duplicate; // #F: the triangle repeats an earlier one and is left out
     RTCDevice device;
     RTCScene scene;
     double minimum[3], maximum[3]; // of the triangles
@@ -51,6 +53,9 @@ static void bound_triangle(const struct RTCBoundsFunctionArguments *arguments) {
     struct RTCBounds *bounds = arguments->bounds_o;
     bounds->lower_x = lower[0], bounds->lower_y = lower[1], bounds->lower_z = lower[2];
     bounds->upper_x = upper[0], bounds->upper_y = upper[1], bounds->upper_z = upper[2];
+    if (bvh->duplicate[arguments->primID]) {
+        bounds->lower_x = INFINITY; // what is empty does not enter the tree
+    }
 }
 
 static void intersect_triangle(const struct RTCIntersectFunctionNArguments *arguments);
@@ -110,6 +115,16 @@ pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *
         return pci_fail_memory(context, stage);
     }
     created->mesh = mesh;
+    // A tree over a triangle that occurs a million times would be a list.
+    created->duplicate = PCI_ALLOCATE(context, uint8_t, mesh->triangle_count);
+    pci_scratch scratch = pci_scratch_begin(context);
+    const bool marked =
+        created->duplicate != NULL && pci_mark_duplicates(&scratch, mesh, created->duplicate);
+    pci_scratch_end(&scratch);
+    if (!marked) {
+        pci_bvh_destroy(context, created);
+        return pci_fail_memory(context, stage);
+    }
     if (!normalise_space(created)) {
         pci_bvh_destroy(context, created);
         return pci_fail(context, PC_ERROR_NUMERICAL, stage,
@@ -175,6 +190,7 @@ void pci_bvh_destroy(pc_context *context, pci_bvh *bvh) {
     if (bvh->device != NULL) {
         rtcReleaseDevice(bvh->device);
     }
+    pc_release(context, bvh->duplicate);
     pc_release(context, bvh);
 }
 
@@ -323,6 +339,16 @@ pci_closest pci_bvh_closest(const pci_bvh *bvh, const double point[3], double ra
         }
     }
     return closest;
+}
+
+pci_closest pci_bvh_closest_near(const pci_bvh *bvh, const double point[3], uint32_t hint) {
+    double radius = INFINITY, barycentric[3];
+    if (hint != PC_INVALID_INDEX) {
+        radius = sqrt(pci_triangle_squared_distance(point, corner(bvh->mesh, hint, 0),
+                                                    corner(bvh->mesh, hint, 1),
+                                                    corner(bvh->mesh, hint, 2), barycentric));
+    }
+    return pci_bvh_closest(bvh, point, radius);
 }
 
 typedef struct collection {

@@ -29,6 +29,10 @@ typedef struct pci_closest {
 // The closest point of the mesh within `radius` (INFINITY allowed).
 pci_closest pci_bvh_closest(const pci_bvh *bvh, const double point[3], double radius);
 
+// The same within any radius, but much quicker where triangle `hint` is near: a search among
+// neighbours hands on what it found last. PC_INVALID_INDEX: no idea.
+pci_closest pci_bvh_closest_near(const pci_bvh *bvh, const double point[3], uint32_t hint);
+
 // Collects the triangles within `radius`, in no particular order. Returns their number, or
 // capacity + 1 when there are more than fit; then `triangles` holds some of them.
 size_t pci_bvh_collect(const pci_bvh *bvh, const double point[3], double radius, size_t capacity,

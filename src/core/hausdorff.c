@@ -6,6 +6,8 @@
 // number of threads.
 #include "core/hausdorff.h"
 
+#include "core/topology.h"
+
 #define RELATIVE_TOLERANCE 1e-4
 
 typedef struct probe {
@@ -23,8 +25,9 @@ typedef struct search {
     const pc_mesh *from, *to;
     const pci_bvh *bvh;
     const uint8_t *used;
-    probe *vertices; // #V of `from`
-    piece *roots;    // #F of `from`
+    uint8_t *duplicate; // #F of `from`
+    probe *vertices;    // #V of `from`
+    piece *roots;       // #F of `from`
     const piece *parents;
     piece *children; // 4 per parent
 } search;
@@ -84,7 +87,7 @@ static void bound_roots(void *user, size_t begin, size_t end, uint32_t worker) {
         for (size_t c = 0; c < 3; ++c) {
             s->roots[t].corner[c] = s->vertices[s->from->triangles[3 * t + c]];
         }
-        s->roots[t].bound = upper_bound(s, &s->roots[t]);
+        s->roots[t].bound = s->duplicate[t] ? 0.0 : upper_bound(s, &s->roots[t]);
     }
 }
 
@@ -132,7 +135,8 @@ pc_status pci_directed_hausdorff(pc_context *context, const char *stage, const p
     search s = {.from = from, .to = to, .bvh = to_bvh, .used = used};
     s.vertices = PCI_SCRATCH(&scratch, probe, vertex_count);
     s.roots = PCI_SCRATCH(&scratch, piece, triangle_count);
-    if (scratch.failed) {
+    s.duplicate = PCI_SCRATCH(&scratch, uint8_t, triangle_count);
+    if (scratch.failed || !pci_mark_duplicates(&scratch, from, s.duplicate)) {
         status = pci_fail_memory(context, stage);
         goto cleanup;
     }

@@ -92,6 +92,7 @@ typedef struct search {
     size_t wanted, found;
     uint32_t excluded;
     double bound;      // squared distance that still counts
+    bool any;          // the first one that counts ends the search
     uint32_t *indices; // sorted by (squared distance, index)
     double *squared_distances;
 } search;
@@ -121,7 +122,7 @@ static void offer(search *s, uint32_t candidate) {
     s->indices[at] = candidate;
     s->squared_distances[at] = distance;
     if (s->found == s->wanted) {
-        s->bound = s->squared_distances[s->wanted - 1];
+        s->bound = s->any ? -1.0 : s->squared_distances[s->wanted - 1];
     }
 }
 
@@ -164,12 +165,14 @@ size_t pci_knn_query(const pci_knn *knn, const double query[3], size_t wanted, u
 
 bool pci_knn_within(const pci_knn *knn, const double query[3], double radius, uint32_t *nearest) {
     double squared_distance;
+    uint32_t found;
     search s = {.knn = knn,
                 .query = query,
                 .wanted = 1,
                 .excluded = PC_INVALID_INDEX,
                 .bound = radius * radius,
-                .indices = nearest,
+                .any = nearest == NULL,
+                .indices = nearest != NULL ? nearest : &found,
                 .squared_distances = &squared_distance};
     visit(&s, 0, knn->point_count);
     return s.found == 1;

@@ -20,7 +20,7 @@ size_t pci_knn_query(const pci_knn *knn, const double query[3], size_t wanted, u
                      uint32_t *indices, double *squared_distances);
 
 // Finds the point nearest to `query` within `radius`; far quicker than a query without a limit
-// where there is none. False: no point is so near.
+// where there is none. `nearest` NULL: any will do. False: no point is so near.
 bool pci_knn_within(const pci_knn *knn, const double query[3], double radius, uint32_t *nearest);
 
 #endif

@@ -4,64 +4,93 @@
 
 #include "core/topology.h"
 
-enum { most_triangles = 2048, deepest = 12, edge_grain = 64 };
+enum { most_triangles = 2048, edge_grain = 64 };
 
 typedef struct ball {
     double centre[3], radius;
     double area, moment[3]; // of the surface inside, about the centre
 } ball;
 
-static void add_area(ball *b, const double corners[3][3], double share) {
-    double u[3], v[3], normal[3];
+// A plane figure: its area and first moment about the origin.
+typedef struct figure {
+    double area, moment[2];
+} figure;
+
+// Adds the triangle between the origin and the side a b; negative when it runs clockwise.
+static void add_wedge(figure *f, const double a[2], const double b[2]) {
+    const double area = 0.5 * (a[0] * b[1] - a[1] * b[0]);
+    f->area += area;
+    for (size_t k = 0; k < 2; ++k) {
+        f->moment[k] += area * (a[k] + b[k]) / 3.0;
+    }
+}
+
+// The same for the sector of a circle between the directions of a and b.
+static void add_sector(figure *f, double radius, const double a[2], const double b[2]) {
+    const double angle = atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1]);
+    const double lengths[2] = {hypot(a[0], a[1]), hypot(b[0], b[1])};
+    if (!(lengths[0] > 0.0 && lengths[1] > 0.0)) {
+        return;
+    }
+    f->area += 0.5 * radius * radius * angle;
+    const double third = radius * radius * radius / 3.0;
+    f->moment[0] += third * (b[1] / lengths[1] - a[1] / lengths[0]);
+    f->moment[1] -= third * (b[0] / lengths[1] - a[0] / lengths[0]);
+}
+
+// Adds what lies between the origin and the directed side a b, inside the circle.
+static void add_side(figure *f, double radius, const double a[2], const double b[2]) {
+    const double d[2] = {b[0] - a[0], b[1] - a[1]};
+    const double length2 = d[0] * d[0] + d[1] * d[1];
+    if (!(length2 > 0.0)) {
+        return;
+    }
+    // The side is inside for parameters from `enter` to `leave`.
+    const double middle = -(a[0] * d[0] + a[1] * d[1]) / length2;
+    const double cross = a[0] * d[1] - a[1] * d[0];
+    const double half2 = (radius * radius - cross * cross / length2) / length2;
+    const double half = half2 > 0.0 ? sqrt(half2) : 0.0;
+    const double enter = fmin(fmax(middle - half, 0.0), 1.0);
+    const double leave = fmin(fmax(middle + half, 0.0), 1.0);
+    const double p[2] = {a[0] + enter * d[0], a[1] + enter * d[1]};
+    const double q[2] = {a[0] + leave * d[0], a[1] + leave * d[1]};
+    add_wedge(f, p, q);
+    if (enter > 0.0) {
+        add_sector(f, radius, a, p);
+    }
+    if (leave < 1.0) {
+        add_sector(f, radius, q, b);
+    }
+}
+
+// Adds the part of a triangle inside the ball: in its plane, that inside a circle.
+static void add_triangle(ball *b, const double corners[3][3]) {
+    double u[3], v[3], normal[3], from[3];
     pci_sub(corners[1], corners[0], u);
     pci_sub(corners[2], corners[0], v);
     pci_cross(u, v, normal);
-    const double area = 0.5 * share * pci_norm(normal);
-    b->area += area;
-    for (size_t k = 0; k < 3; ++k) {
-        b->moment[k] +=
-            area * ((corners[0][k] + corners[1][k] + corners[2][k]) / 3.0 - b->centre[k]);
+    if (!pci_normalize(normal) || !pci_normalize(u)) {
+        return;
     }
-}
-
-// Whether a triangle without a corner in the ball reaches into it. `longest` is its squared longest
-// edge; no point of a triangle is farther than that from a corner.
-static bool reaches(const ball *b, const double corners[3][3], double longest) {
-    double weights[3];
-    const double apart = sqrt(pci_squared_distance(corners[0], b->centre));
-    return apart <= b->radius + sqrt(longest) &&
-           pci_triangle_squared_distance(b->centre, corners[0], corners[1], corners[2], weights) <=
-               b->radius * b->radius;
-}
-
-// Adds the part of a triangle inside the ball: halves triangles that reach outside until they are
-// small against the radius.
-static void add_triangle(ball *b, const double corners[3][3], int depth) {
-    const double square = b->radius * b->radius;
-    double longest = -1.0;
-    size_t inside = 0, split = 0;
-    for (size_t k = 0; k < 3; ++k) {
-        inside += pci_squared_distance(corners[k], b->centre) <= square;
-        const double length = pci_squared_distance(corners[k], corners[(k + 1) % 3]);
-        if (length > longest) {
-            longest = length;
-            split = k;
-        }
+    pci_cross(normal, u, v);
+    pci_sub(corners[0], b->centre, from);
+    const double height = pci_dot(from, normal);
+    const double square = b->radius * b->radius - height * height;
+    if (!(square > 0.0)) {
+        return;
     }
-    if (inside == 3) {
-        add_area(b, corners, 1.0);
-    } else if (longest <= square / 16.0 || depth == 0) {
-        add_area(b, corners, (double)inside / 3.0);
-    } else if (inside > 0 || reaches(b, corners, longest)) {
-        double half[3][3];
-        const size_t next = (split + 1) % 3;
-        for (size_t side = 0; side < 2; ++side) {
-            memcpy(half, corners, sizeof(half));
-            for (size_t k = 0; k < 3; ++k) {
-                half[side == 0 ? split : next][k] = 0.5 * (corners[split][k] + corners[next][k]);
-            }
-            add_triangle(b, (const double(*)[3])half, depth - 1);
-        }
+    double flat[3][2];
+    for (size_t k = 0; k < 3; ++k) {
+        pci_sub(corners[k], b->centre, from);
+        flat[k][0] = pci_dot(from, u), flat[k][1] = pci_dot(from, v);
+    }
+    figure f = {0};
+    for (size_t k = 0; k < 3; ++k) {
+        add_side(&f, sqrt(square), flat[k], flat[(k + 1) % 3]);
+    }
+    b->area += f.area;
+    for (size_t k = 0; k < 3; ++k) {
+        b->moment[k] += f.moment[0] * u[k] + f.moment[1] * v[k] + f.area * height * normal[k];
     }
 }
 
@@ -89,7 +118,7 @@ double pci_one_sided(const pci_bvh *bvh, const pc_mesh *mesh, const double point
             memcpy(corners[k], &mesh->positions[3 * (size_t)mesh->triangles[3 * triangles[i] + k]],
                    sizeof(corners[k]));
         }
-        add_triangle(&b, (const double(*)[3])corners, deepest);
+        add_triangle(&b, (const double(*)[3])corners);
     }
     return b.area > 0.0 ? pci_norm(b.moment) / (b.area * radius) : 0.0;
 }

@@ -1,5 +1,7 @@
 #include "core/topology.h"
 
+#include <stdlib.h>
+
 #include "core/union_find.h"
 
 // Turns counts stored at [i + 1] into offsets.
@@ -460,4 +462,40 @@ double pci_diagonal(const pc_mesh *mesh) {
     double minimum[3], maximum[3];
     pci_bounding_box(mesh, minimum, maximum);
     return sqrt(pci_squared_distance(minimum, maximum));
+}
+
+typedef struct triple {
+    uint32_t vertices[3]; // ascending
+    uint32_t triangle;
+} triple;
+
+static int compare_triples(const void *left, const void *right) {
+    const triple *a = left, *b = right;
+    for (size_t k = 0; k < 3; ++k) {
+        if (a->vertices[k] != b->vertices[k]) {
+            return a->vertices[k] < b->vertices[k] ? -1 : 1;
+        }
+    }
+    return (a->triangle > b->triangle) - (a->triangle < b->triangle);
+}
+
+bool pci_mark_duplicates(pci_scratch *scratch, const pc_mesh *mesh, uint8_t *duplicate) {
+    triple *triples = PCI_SCRATCH(scratch, triple, mesh->triangle_count);
+    if (triples == NULL) {
+        return false;
+    }
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        const uint32_t *v = &mesh->triangles[3 * t];
+        const uint32_t low = v[0] < v[1] ? v[0] : v[1], high = v[0] < v[1] ? v[1] : v[0];
+        triples[t].vertices[0] = low < v[2] ? low : v[2];
+        triples[t].vertices[1] = v[2] < low ? low : v[2] < high ? v[2] : high;
+        triples[t].vertices[2] = high > v[2] ? high : v[2];
+        triples[t].triangle = (uint32_t)t;
+    }
+    qsort(triples, mesh->triangle_count, sizeof(*triples), compare_triples);
+    for (size_t i = 1; i < mesh->triangle_count; ++i) {
+        duplicate[triples[i].triangle] =
+            memcmp(triples[i].vertices, triples[i - 1].vertices, sizeof(triples[i].vertices)) == 0;
+    }
+    return true;
 }

@@ -64,4 +64,8 @@ double pci_triangle_area(const pc_mesh *mesh, size_t triangle);
 void pci_bounding_box(const pc_mesh *mesh, double minimum[3], double maximum[3]);
 double pci_diagonal(const pc_mesh *mesh);
 
+// Marks the triangles with the same three vertices as an earlier one in `duplicate` (#F, zeroed).
+// False: out of memory.
+bool pci_mark_duplicates(pci_scratch *scratch, const pc_mesh *mesh, uint8_t *duplicate);
+
 #endif

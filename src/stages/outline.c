@@ -20,12 +20,15 @@ enum { sectors = 12, least_framed = 9 };
 // The iso-surface closes openings up to two voxels wide; no part of a membrane is farther from the
 // rim than so many voxels.
 static const double widest = 3.0;
+// A web from the hem of one layer to the layer beneath is framed by rims, too, but has cloth behind
+// it, for most of its area within so many voxels; an opening has not.
+static const double behind = 1.5, most_backed = 0.5;
 // The second pass looks so far around what the first one found, in voxels.
 static const double beyond = 0.5;
 // The distance where nobody asks: no triangle is refined for it.
 static const double out_of_focus = -1e30;
 // Membranes that are tested for holding the layer together.
-enum { most_tests = 64 };
+enum { most_tests = 256 };
 static const double pi = 3.14159265358979323846;
 
 typedef struct outline {
@@ -35,18 +38,20 @@ typedef struct outline {
     pci_halfedge mesh;
     double *normals;   // #V by 3
     double *distances; // #V, beside the visual mesh, along the surface
+    uint32_t *nearest; // #V, triangle of the visual mesh, or PC_INVALID_INDEX
     uint8_t *settled;  // #F, nothing to refine here
-    size_t normal_capacity, distance_capacity, settled_capacity;
+    size_t normal_capacity, distance_capacity, nearest_capacity, settled_capacity;
 } outline;
 
 // How far the nearest point of the visual mesh lies beside a point of the layer: the distance
-// without its share along the normal.
-static double distance_beside(const outline *o, const double point[3], const double normal[3]) {
-    uint32_t nearest;
-    if (o->focus != NULL && !pci_knn_within(o->focus, point, o->reach, &nearest)) {
+// without its share along the normal. `triangle`: one that may be near; becomes the nearest one.
+static double distance_beside(const outline *o, const double point[3], const double normal[3],
+                              uint32_t *triangle) {
+    if (o->focus != NULL && !pci_knn_within(o->focus, point, o->reach, NULL)) {
         return out_of_focus;
     }
-    const pci_closest closest = pci_bvh_closest(o->visual, point, INFINITY);
+    const pci_closest closest = pci_bvh_closest_near(o->visual, point, *triangle);
+    *triangle = closest.triangle;
     double away[3];
     pci_sub(closest.point, point, away);
     const double height = pci_dot(away, normal);
@@ -56,8 +61,10 @@ static double distance_beside(const outline *o, const double point[3], const dou
 static void measure_outline(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     outline *o = user;
+    uint32_t last = PC_INVALID_INDEX;
     for (size_t v = begin; v < end; ++v) {
-        o->distances[v] = distance_beside(o, &o->mesh.positions[3 * v], &o->normals[3 * v]);
+        o->distances[v] = distance_beside(o, &o->mesh.positions[3 * v], &o->normals[3 * v], &last);
+        o->nearest[v] = last;
     }
 }
 
@@ -72,26 +79,31 @@ static bool split_measured(outline *o, uint32_t h, double share, const double *k
     }
     pci_normalize(normal);
     const uint32_t v = pci_split_edge(&o->mesh, h, position);
-    void *normals = o->normals, *distances = o->distances, *settled = o->settled;
+    void *normals = o->normals, *distances = o->distances, *nearest = o->nearest;
+    void *settled = o->settled;
     if (v == PC_INVALID_INDEX ||
         !pci_scratch_reserve(o->mesh.scratch, &normals, &o->normal_capacity, (size_t)v + 1,
                              3 * sizeof(double)) ||
         !pci_scratch_reserve(o->mesh.scratch, &distances, &o->distance_capacity, (size_t)v + 1,
                              sizeof(double)) ||
+        !pci_scratch_reserve(o->mesh.scratch, &nearest, &o->nearest_capacity, (size_t)v + 1,
+                             sizeof(uint32_t)) ||
         !pci_scratch_reserve(o->mesh.scratch, &settled, &o->settled_capacity,
                              o->mesh.triangle_count, 1)) {
         return false;
     }
     o->normals = normals;
     o->distances = distances;
+    o->nearest = nearest;
     o->settled = settled;
     o->settled[h / 3] = 0;
     if (twin != PC_INVALID_INDEX) {
         o->settled[twin / 3] = 0;
     }
     memcpy(&o->normals[3 * (size_t)v], normal, sizeof(normal));
-    o->distances[v] =
-        known_distance != NULL ? *known_distance : distance_beside(o, position, normal);
+    o->nearest[v] = o->nearest[a];
+    o->distances[v] = known_distance != NULL ? *known_distance
+                                             : distance_beside(o, position, normal, &o->nearest[v]);
     return true;
 }
 
@@ -195,9 +207,10 @@ static bool split_isoline(outline *o, double threshold) {
 
 typedef struct region {
     double area, centre[3], normal[3];
+    double backed;    // area with other cloth close behind it
     double reach;     // largest distance
     uint32_t sectors; // bit i: in this direction from the centre the region ends at a rim
-    uint32_t arcs;    // stretches along the border of the layer
+    bool bordering;   // part of the border of the layer
     bool fringe;      // near the border of the layer
 } region;
 
@@ -225,7 +238,18 @@ static bool join_regions(const outline *o, double threshold, uint32_t *roots) {
     return true;
 }
 
-static void measure_extent(const outline *o, const uint32_t *roots, region *regions) {
+static bool is_backed(const outline *o, const double *const corners[3], const double normal[3],
+                      double depth) {
+    double middle[3], direction[3] = {-normal[0], -normal[1], -normal[2]};
+    for (size_t k = 0; k < 3; ++k) {
+        middle[k] = (corners[0][k] + corners[1][k] + corners[2][k]) / 3.0;
+    }
+    return pci_normalize(direction) &&
+           pci_bvh_cast(o->visual, middle, direction, 0.0, depth, NULL, NULL).triangle !=
+               PC_INVALID_INDEX;
+}
+
+static void measure_extent(const outline *o, const uint32_t *roots, double depth, region *regions) {
     const pci_halfedge *mesh = &o->mesh;
     for (size_t t = 0; t < mesh->triangle_count; ++t) {
         if (roots[t] == PC_INVALID_INDEX) {
@@ -243,6 +267,7 @@ static void measure_extent(const outline *o, const uint32_t *roots, region *regi
         pci_cross(u, v, normal);
         const double area = 0.5 * pci_norm(normal);
         r->area += area;
+        r->backed += is_backed(o, corners, normal, depth) ? area : 0.0;
         for (size_t k = 0; k < 3; ++k) {
             r->centre[k] += area * (corners[0][k] + corners[1][k] + corners[2][k]) / 3.0;
             r->normal[k] += normal[k];
@@ -299,12 +324,12 @@ static void measure_frame(const outline *o, const pci_knn *rims, const pci_knn *
         const double *point = &mesh->positions[3 * (size_t)pci_origin(mesh, h)];
         uint32_t rim;
         if (twin == PC_INVALID_INDEX) {
-            const uint32_t before = pci_border_incoming(mesh, pci_origin(mesh, h));
             mark_sector(&regions[root], point);
-            regions[root].arcs += roots[before / 3] != root;
+            regions[root].bordering = true;
         }
-        regions[root].fringe = regions[root].fringe || pci_knn_within(border, point, slack, &rim);
-        const double reach = pci_bvh_closest(o->visual, point, INFINITY).distance + slack;
+        regions[root].fringe = regions[root].fringe || pci_knn_within(border, point, slack, NULL);
+        const uint32_t hint = o->nearest[pci_origin(mesh, h)];
+        const double reach = pci_bvh_closest_near(o->visual, point, hint).distance + slack;
         if (pci_knn_within(rims, point, reach, &rim)) {
             mark_sector(&regions[root], &rims->points[3 * (size_t)rim]);
         }
@@ -317,7 +342,9 @@ static bool removes(const region *r, pci_outline_mode mode, double threshold) {
         framed += r->sectors >> i & 1;
     }
     return r->reach > least_reach * threshold &&
-           (mode == PCI_OUTLINE_ALL || (framed >= least_framed && (r->arcs > 0 || !r->fringe)));
+           (mode == PCI_OUTLINE_ALL ||
+            (framed >= least_framed && r->backed < most_backed * r->area &&
+             (r->bordering || !r->fringe)));
 }
 
 // The kept triangles by patch: a membrane, or a connected part of the rest. Few of them touch.
@@ -325,17 +352,22 @@ typedef struct patches {
     uint32_t *of;    // #F, first triangle of the patch
     uint32_t *links; // #links by 2, neighbouring patches
     size_t link_count, link_capacity;
-    uint32_t *parents; // scratch of count_parts, by first triangle
+    double *areas; // by first triangle
+    uint32_t *parents;
+    double *sums; // scratch of area_held, likewise
 } patches;
 
 static bool make_patches(const pci_halfedge *mesh, const uint32_t *owners, const uint8_t *keep,
                          patches *p) {
     const size_t triangles = mesh->triangle_count;
     *p = (patches){.of = PCI_SCRATCH(mesh->scratch, uint32_t, triangles),
-                   .parents = PCI_SCRATCH(mesh->scratch, uint32_t, triangles)};
+                   .areas = PCI_SCRATCH(mesh->scratch, double, triangles),
+                   .parents = PCI_SCRATCH(mesh->scratch, uint32_t, triangles),
+                   .sums = PCI_SCRATCH(mesh->scratch, double, triangles)};
     if (mesh->scratch->failed) {
         return false;
     }
+    const pc_mesh surface = {mesh->vertex_count, mesh->positions, triangles, mesh->corners};
     pci_singletons(p->of, triangles);
     for (int pass = 0; pass < 2; ++pass) {
         for (uint32_t h = 0; h < 3 * triangles; ++h) {
@@ -358,30 +390,42 @@ static bool make_patches(const pci_halfedge *mesh, const uint32_t *owners, const
             }
         }
     }
+    for (uint32_t t = 0; t < triangles; ++t) {
+        p->areas[pci_find_root(p->of, t)] += pci_triangle_area(&surface, t);
+    }
     return true;
 }
 
-// How many parts more the kept patches fall into without the patch `without`; -1 when it is a part
-// of its own.
-static int parts_without(patches *p, const uint8_t *keep, uint32_t without) {
-    int change = -1;
-    for (int pass = 0; pass < 2; ++pass) {
-        for (size_t i = 0; i < 2 * p->link_count; ++i) {
-            p->parents[p->links[i]] = p->links[i];
-        }
-        for (size_t i = 0; i < p->link_count; ++i) {
-            const uint32_t a = p->links[2 * i], b = p->links[2 * i + 1];
-            if (keep[a] && keep[b] && (pass == 0 || (a != without && b != without)) &&
-                pci_unite(p->parents, a, b)) {
-                change += pass == 0 ? 1 : -1;
+// Area of what the patch `middle` holds to the largest of the parts beside it: they would come off.
+static double area_held(const patches *p, const uint8_t *keep, uint32_t middle) {
+    for (size_t i = 0; i < 2 * p->link_count; ++i) {
+        p->parents[p->links[i]] = p->links[i];
+        p->sums[p->links[i]] = p->areas[p->links[i]];
+    }
+    for (size_t i = 0; i < p->link_count; ++i) {
+        const uint32_t a = p->links[2 * i], b = p->links[2 * i + 1];
+        if (keep[a] && keep[b] && a != middle && b != middle) {
+            const uint32_t from = pci_find_root(p->parents, a), to = pci_find_root(p->parents, b);
+            if (pci_unite(p->parents, from, to)) {
+                p->sums[pci_find_root(p->parents, to)] = p->sums[from] + p->sums[to];
             }
         }
     }
-    return change;
+    double sum = 0.0, largest = 0.0;
+    for (size_t i = 0; i < 2 * p->link_count; ++i) {
+        const uint32_t other = p->links[i % 2 == 0 ? i + 1 : i - 1];
+        if (p->links[i] == middle && keep[other]) {
+            double *part = &p->sums[pci_find_root(p->parents, other)];
+            sum += *part;
+            largest = fmax(largest, *part);
+            *part = 0.0; // counted
+        }
+    }
+    return sum - largest;
 }
 
-// Marks what stays. A membrane that joins two stretches of the border may hold the layer together,
-// as between the panels of a pattern: it stays, too, if the layer would fall apart.
+// Marks what stays. A membrane may hold the layer together, as between the panels of a pattern or
+// around the hem of a tier: it stays, too, where something larger than itself would come off.
 static bool choose_triangles(const outline *o, const uint32_t *roots, const region *regions,
                              pci_outline_mode mode, double threshold, uint8_t *keep) {
     const pci_halfedge *mesh = &o->mesh;
@@ -393,7 +437,7 @@ static bool choose_triangles(const outline *o, const uint32_t *roots, const regi
     for (uint32_t t = 0; t < triangles; ++t) {
         const region *r = roots[t] != PC_INVALID_INDEX ? &regions[roots[t]] : NULL;
         const bool removed = r != NULL && removes(r, mode, threshold);
-        keep[t] = !removed || (mode == PCI_OUTLINE_MEMBRANES && r->arcs > 1);
+        keep[t] = !removed || mode == PCI_OUTLINE_MEMBRANES;
         owners[t] = removed && keep[t] ? roots[t] : PC_INVALID_INDEX;
     }
     patches p;
@@ -409,7 +453,7 @@ static bool choose_triangles(const outline *o, const uint32_t *roots, const regi
             continue;
         }
         ++tests;
-        if (parts_without(&p, keep, i) <= 0) {
+        if (area_held(&p, keep, i) <= regions[i].area) {
             for (uint32_t t = i; t < triangles; ++t) {
                 keep[t] = keep[t] && owners[t] != i;
             }
@@ -439,11 +483,12 @@ static bool find_regions(const cutting *given, const pci_knn *focus, double reac
     *o = (outline){.visual = c->visual, .focus = focus, .reach = reach};
     o->normals = PCI_SCRATCH(scratch, double, 3 * layer->vertex_count);
     o->distances = PCI_SCRATCH(scratch, double, layer->vertex_count);
+    o->nearest = PCI_SCRATCH(scratch, uint32_t, layer->vertex_count);
     o->settled = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
     if (scratch->failed || !pci_halfedge_build(scratch, layer, &o->mesh)) {
         return false;
     }
-    o->normal_capacity = o->distance_capacity = layer->vertex_count;
+    o->normal_capacity = o->distance_capacity = o->nearest_capacity = layer->vertex_count;
     o->settled_capacity = layer->triangle_count;
     pci_vertex_normals(layer, o->normals);
     if (!pci_parallel_while_wanted(scratch->context, layer->vertex_count, grain, measure_outline,
@@ -460,7 +505,7 @@ static bool find_regions(const cutting *given, const pci_knn *focus, double reac
         !find_border(&o->mesh, &border)) {
         return false;
     }
-    measure_extent(o, c->roots, regions);
+    measure_extent(o, c->roots, behind * c->cell_size, regions);
     measure_frame(o, c->rims, &border, sag * c->cell_size, c->roots, regions);
     return choose_triangles(o, c->roots, regions, c->mode, c->threshold, c->keep);
 }

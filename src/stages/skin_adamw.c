@@ -103,7 +103,7 @@ static pc_status run_epochs(descent *d, size_t per_step, uint32_t *steps, size_t
             if (settings->decay) {
                 d->rate *= 0.5 * (1.0 + cos(3.141592653589793 * done / total));
             }
-            if (!pci_skin_frames_evaluate(w, begin, end, true, NULL)) {
+            if (!pci_skin_frames_evaluate(w, begin, end, 1, true, NULL)) {
                 return pci_fail_cancelled(w->context, stage);
             }
             pci_parallel_for(w->context, w->problem->vertex_count, 256, update_rows, d);

@@ -5,7 +5,9 @@
 
 static const char stage[] = "skin";
 
-enum { SWEEPS = 4 }; // per pass over the frames: each costs about a tenth of it
+enum { SWEEPS = 4, SAMPLE_BLOCKS = 4 }; // sweeps per round
+
+static const double sample_rounds = 0.75; // of the rounds at most
 
 typedef struct gram_job {
     const double *columns; // #rows by #P
@@ -28,41 +30,52 @@ static void fill_gram(void *user, size_t begin, size_t end, uint32_t worker) {
     }
 }
 
-// G in the unit of the kernels, mean displacement of each frame left out as there.
-static bool build_gram(pci_scratch *scratch, const pci_skin_frames *w, double **gram) {
+// G of some frames in the unit of the kernels, mean displacement of each frame left out as there.
+static bool build_level(pci_scratch *scratch, const pci_skin_frames *w, size_t stride,
+                        pci_skin_level *level) {
     const pci_skin_problem *p = w->problem;
     const size_t np = p->proxy_count;
-    gram_job job = {.rows = 3 * p->frame_count, .proxy_count = np};
-    double *columns = PCI_SCRATCH(scratch, double, job.rows *np);
+    gram_job job = {.proxy_count = np};
+    pci_scratch local = pci_scratch_begin(scratch->context);
+    double *columns = PCI_SCRATCH(&local, double, 3 * PCI_BLOCK * w->block_count * np);
     job.gram = PCI_SCRATCH(scratch, double, np *np);
-    if (scratch->failed) {
+    level->gram = job.gram;
+    level->stride = stride;
+    level->targets = PCI_SCRATCH(scratch, double, p->vertex_count * p->slots);
+    if (scratch->failed || local.failed) {
+        pci_scratch_end(&local);
         return false;
     }
-    for (size_t t = 0; t < job.rows; ++t) {
-        const double *frame = &p->frames[3 * np * (t / 3)];
-        double mean = 0.0;
-        for (size_t b = 0; b < np; ++b) {
-            const size_t at = 3 * b + t % 3;
-            columns[t * np + b] = w->unit * (frame[at] - p->proxy_rest[at]);
-            mean += columns[t * np + b] / (double)np;
-        }
-        for (size_t b = 0; b < np; ++b) {
-            columns[t * np + b] -= mean;
+    for (size_t i = 0; i < w->block_count * PCI_BLOCK; ++i) {
+        const uint32_t f = w->frames[i];
+        for (size_t c = 0; c < 3 && i / PCI_BLOCK % stride == 0 && f != PC_INVALID_INDEX; ++c) {
+            double *row = &columns[job.rows++ * np], mean = 0.0;
+            for (size_t b = 0; b < np; ++b) {
+                const size_t at = 3 * b + c;
+                row[b] = w->unit * (p->frames[3 * np * f + at] - p->proxy_rest[at]);
+                mean += row[b] / (double)np;
+            }
+            for (size_t b = 0; b < np; ++b) {
+                row[b] -= mean;
+            }
         }
     }
+    level->factor = 3.0 * (double)p->frame_count / (double)job.rows;
     job.columns = columns;
     pci_parallel_for(scratch->context, np, 16, fill_gram, &job);
     for (size_t b = 0; b < np; ++b) {
-        for (size_t c = b + 1; c < np; ++c) {
-            job.gram[b * np + c] = job.gram[c * np + b];
+        for (size_t c = 0; c < b; ++c) {
+            job.gram[c * np + b] = job.gram[b * np + c] *= level->factor;
         }
+        job.gram[b * np + b] *= level->factor;
     }
-    *gram = job.gram;
+    pci_scratch_end(&local);
     return true;
 }
 
 typedef struct row_job {
     pci_skin_alternation *a;
+    const pci_skin_level *level;
     const double *weights, *before;
     double factor;
     double *result;
@@ -81,8 +94,8 @@ static void finish_gradient(void *user, size_t begin, size_t end, uint32_t worke
         double *gradient = &a->gradient[v * slots];
         pci_skin_frames_row(&a->frames, v, gradient);
         for (size_t k = 0; k < slots; ++k) {
-            const double *row = &a->gram[p->proxy_count * bones[k]];
-            double sum = -a->targets[v * slots + k];
+            const double *row = &job->level->gram[p->proxy_count * bones[k]];
+            double sum = -job->level->targets[v * slots + k];
             for (size_t l = 0; l < slots; ++l) {
                 sum += row[bones[l]] * w[l];
             }
@@ -91,16 +104,28 @@ static void finish_gradient(void *user, size_t begin, size_t end, uint32_t worke
     }
 }
 
-// dE/dW at the given weights, with the best rotations. `measures` may be NULL. False: cancelled.
-static bool find_gradient(pci_skin_alternation *a, const double *weights,
-                          pci_skin_measures *measures) {
+// Lets the solver look at the frames of one level from now on.
+static void use_level(pci_skin_alternation *a, const pci_skin_level *level) {
+    for (size_t x = 0; x < 4; ++x) {
+        a->frames.data.scale[x] = a->scale[x] * level->factor;
+    }
+    a->quadratic.gram = level->gram;
+}
+
+// dE/dW at the given weights, with the best rotations. `measures`, with all frames only, may be
+// NULL. False: cancelled.
+static bool find_gradient(pci_skin_alternation *a, const pci_skin_level *level,
+                          const double *weights, pci_skin_measures *measures) {
     pci_skin_frames *w = &a->frames;
+    use_level(a, level);
     pci_skin_frames_set_weights(w, weights);
-    if (!pci_skin_frames_evaluate(w, 0, w->block_count, true, measures != NULL ? a->sums : NULL)) {
+    if (!pci_skin_frames_evaluate(w, 0, w->block_count, level->stride, true,
+                                  measures != NULL ? a->sums : NULL)) {
         return false;
     }
-    row_job rows = {.a = a, .weights = weights};
+    row_job rows = {.a = a, .level = level, .weights = weights};
     pci_parallel_for(w->context, w->problem->vertex_count, 256, finish_gradient, &rows);
+    ++a->rounds;
     if (measures != NULL) {
         pci_skin_frames_add(w, a->sums, measures, NULL);
     }
@@ -132,7 +157,6 @@ bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *pr
     a->gradient = PCI_SCRATCH(scratch, double, count);
     a->before = PCI_SCRATCH(scratch, double, count);
     a->start = PCI_SCRATCH(scratch, double, count);
-    a->targets = PCI_SCRATCH(scratch, double, count);
     a->follow = PCI_SCRATCH(scratch, double, nv);
     a->allowed = PCI_SCRATCH(scratch, uint32_t, nv);
     if (scratch->failed ||
@@ -141,7 +165,9 @@ bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *pr
     }
     memset(a->allowed, 0xff, nv * sizeof(*a->allowed));
     a->sums = PCI_SCRATCH(scratch, pci_skin_sums, a->frames.patch_count * a->frames.block_count);
-    return !scratch->failed && build_gram(scratch, &a->frames, &a->gram);
+    const size_t stride = (a->frames.block_count + SAMPLE_BLOCKS - 1) / SAMPLE_BLOCKS;
+    return !scratch->failed && build_level(scratch, &a->frames, 1, &a->levels[PCI_SKIN_ALL]) &&
+           build_level(scratch, &a->frames, stride, &a->levels[PCI_SKIN_SAMPLE]);
 }
 
 void pci_skin_alternation_follow(pci_skin_alternation *a, const pc_mesh *proxy,
@@ -155,12 +181,14 @@ void pci_skin_alternation_follow(pci_skin_alternation *a, const pc_mesh *proxy,
     }
     a->spacing = squares / (3.0 * (double)proxy->triangle_count);
     const size_t slots = followed->influences;
-    for (size_t v = 0; v < p->vertex_count; ++v) {
+    for (size_t i = 0; i < PCI_SKIN_LEVELS * p->vertex_count; ++i) {
+        const pci_skin_level *level = &a->levels[i / p->vertex_count];
+        const size_t v = i % p->vertex_count;
         for (size_t k = v * p->slots; k < (v + 1) * p->slots; ++k) {
-            const double *row = &a->gram[p->proxy_count * p->bones[k]];
-            a->targets[k] = 0.0;
+            const double *row = &level->gram[p->proxy_count * p->bones[k]];
+            level->targets[k] = 0.0;
             for (size_t l = v * slots; l < (v + 1) * slots; ++l) {
-                a->targets[k] += followed->weights[l] * row[followed->bones[l]];
+                level->targets[k] += followed->weights[l] * row[followed->bones[l]];
             }
         }
     }
@@ -173,32 +201,36 @@ bool pci_skin_alternation_weigh(pci_scratch *scratch, pci_skin_alternation *a,
     const double factor = w->unit * w->unit * (double)p->frame_count;
     for (size_t x = 0; x < 4; ++x) {
         const double norm = p->norms[x % 3] * factor; // L_s has that of L_r
-        w->data.scale[x] = norm > 0.0 ? lambda[x] / norm : 0.0;
+        a->scale[x] = norm > 0.0 ? lambda[x] / norm : 0.0;
     }
     const double follow_norm = a->spacing * (double)p->vertex_count;
     for (size_t v = 0; v < p->vertex_count; ++v) {
         a->follow[v] = follow_norm > 0.0 ? lambda_follow / (follow_norm * factor) : 0.0;
     }
-    return pci_skin_quadratic_build(scratch, p, w->data.scale, a->follow, a->gram, a->allowed,
-                                    &a->quadratic);
+    return pci_skin_quadratic_build(scratch, p, a->scale, a->follow, a->levels[PCI_SKIN_ALL].gram,
+                                    a->allowed, &a->quadratic);
 }
 
 pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, double tolerance,
-                                   double progress_begin, double progress_end, double *weights) {
+                                   bool rough, double progress_begin, double progress_end,
+                                   double *weights) {
     pc_context *context = a->frames.context;
     const pci_skin_problem *p = a->frames.problem;
     const size_t count = p->vertex_count * p->slots;
     row_job job = {.a = a, .weights = weights, .before = a->before, .result = a->start};
+    const uint32_t most = rough ? rounds : (uint32_t)(sample_rounds * rounds);
+    bool sampled = a->levels[PCI_SKIN_SAMPLE].stride > 1;
     double momentum = 1.0, lowered = 0.0, last_fall = INFINITY;
     memcpy(a->start, weights, count * sizeof(*weights));
     for (uint32_t round = 0; round < rounds; ++round) {
         const double share = (double)round / (double)rounds;
+        sampled = sampled && round < most;
         if (!pci_progress(context, stage,
                           progress_begin + share * (progress_end - progress_begin)) ||
-            !find_gradient(a, a->start, NULL)) {
+            !find_gradient(a, &a->levels[sampled ? PCI_SKIN_SAMPLE : PCI_SKIN_ALL], a->start,
+                           NULL)) {
             return pci_fail_cancelled(context, stage);
         }
-        ++a->rounds;
         memcpy(a->before, weights, count * sizeof(*weights));
         memcpy(weights, a->start, count * sizeof(*weights));
         for (uint32_t sweep = 0; sweep < SWEEPS; ++sweep) {
@@ -214,7 +246,10 @@ pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, dou
         }
         lowered += fall;
         if (fall <= tolerance * lowered) {
-            break;
+            if (!sampled || rough) {
+                break;
+            }
+            sampled = false;
         }
         const double next = 0.5 * (1.0 + sqrt(1.0 + 4.0 * momentum * momentum));
         const bool restart = uphill > 0.0 || fall > last_fall;
@@ -230,9 +265,20 @@ pc_status pci_skin_alternation_prune(pci_skin_alternation *a, uint32_t kept, dou
                                      pci_skin_measures *measures) {
     const pci_skin_problem *p = a->frames.problem;
     memcpy(a->start, weights, p->vertex_count * p->slots * sizeof(*weights));
-    if (!find_gradient(a, a->start, measures)) {
+    if (!find_gradient(a, &a->levels[PCI_SKIN_ALL], a->start, measures)) {
         return pci_fail_cancelled(a->frames.context, stage);
     }
     pci_skin_quadratic_prune(&a->quadratic, a->start, a->gradient, kept, a->allowed, weights);
+    return PC_OK;
+}
+
+pc_status pci_skin_alternation_measure(pci_skin_alternation *a, const double *weights,
+                                       pci_skin_measures *measures) {
+    pci_skin_frames *w = &a->frames;
+    pci_skin_frames_set_weights(w, weights);
+    if (!pci_skin_frames_evaluate(w, 0, w->block_count, 1, false, a->sums)) {
+        return pci_fail_cancelled(w->context, stage);
+    }
+    pci_skin_frames_add(w, a->sums, measures, NULL);
     return PC_OK;
 }

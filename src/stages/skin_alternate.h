@@ -11,12 +11,22 @@
 #include "stages/skin_frames.h"
 #include "stages/skin_quadratic.h"
 
+// Frames that a round looks at: every block, or some as a sample for most of the way.
+typedef struct pci_skin_level {
+    size_t stride;   // of the blocks
+    double factor;   // all frames over those of the sample
+    double *gram;    // #P by #P, of the sample, times the factor
+    double *targets; // #V by slots: G b, rows of the candidates
+} pci_skin_level;
+
+enum { PCI_SKIN_ALL, PCI_SKIN_SAMPLE, PCI_SKIN_LEVELS };
+
 typedef struct pci_skin_alternation {
     pci_skin_frames frames;
     pci_skin_quadratic quadratic;
-    double *gram;                      // #P by #P
+    pci_skin_level levels[PCI_SKIN_LEVELS];
+    double scale[4];                   // of the losses
     uint32_t *allowed;                 // #V, see pci_skin_quadratic
-    double *targets;                   // #V by slots: G b, rows of the candidates
     double *follow;                    // #V: factor of L_f
     double spacing;                    // of the proxy's vertices, squared
     double *gradient, *before, *start; // #V by slots
@@ -36,12 +46,18 @@ void pci_skin_alternation_follow(pci_skin_alternation *alternation, const pc_mes
 bool pci_skin_alternation_weigh(pci_scratch *scratch, pci_skin_alternation *alternation,
                                 const double lambda[4], double lambda_follow);
 
-// At most `rounds` rounds of one pass over the frames and some sweeps; stops when a round lowers
-// the energy by less than `tolerance` of what all rounds of this call have.
+// At most `rounds` rounds of one pass over frames and some sweeps; stops when a round lowers the
+// energy by less than `tolerance` of what all rounds of this call have. Most rounds see a sample of
+// the frames, the last ones all unless `rough`.
 // @param[in,out] weights  in: any; slots that are not allowed are 0.
 PC_NODISCARD pc_status pci_skin_alternation_run(pci_skin_alternation *alternation, uint32_t rounds,
-                                                double tolerance, double progress_begin,
+                                                double tolerance, bool rough, double progress_begin,
                                                 double progress_end, double *weights);
+
+// The losses of any weights over all frames.
+PC_NODISCARD pc_status pci_skin_alternation_measure(pci_skin_alternation *alternation,
+                                                    const double *weights,
+                                                    pci_skin_measures *measures);
 
 // Leaves `kept` slots per row. `measures`: of the weights before.
 PC_NODISCARD pc_status pci_skin_alternation_prune(pci_skin_alternation *alternation, uint32_t kept,

@@ -66,21 +66,24 @@ static pc_status cut(pci_scratch *scratch, pci_skin_fit *f, uint32_t kept) {
 }
 
 // Losses per norm and frame; returns their weighted sum.
-static double normalize_losses(const pci_skin_fit *f, const pci_skin_problem *p,
+static double normalize_losses(const pci_skin_fit *f, const double norms[3],
                                const pci_skin_measures *measures, double losses[3]) {
     const double lambda[3] = {f->options->lambda_rigid, f->options->lambda_collision,
                               f->options->lambda_attachment};
     double total = 0.0;
     for (size_t x = 0; x < 3; ++x) {
-        const double norm = p->norms[x] * (double)p->frame_count;
+        const double norm = norms[x] * (double)f->problem.frame_count;
         losses[x] = norm > 0.0 ? measures->losses[x] / norm : 0.0;
         total += lambda[x] * losses[x];
     }
     return total;
 }
 
-static pc_status measure(pci_scratch *scratch, const pci_skin_fit *f, const pci_skin_problem *p,
-                         double losses[3], double *total, uint64_t *reflections) {
+// The paper's losses, which the report gives.
+static pc_status measure(pci_scratch *scratch, const pci_skin_fit *f, pci_skin_measures *measures) {
+    pci_skin_problem paper = f->problem;
+    const pci_skin_problem *p = &paper;
+    paper.typical = 0.0;
     double *weights = PCI_SCRATCH(scratch, double, p->vertex_count * p->slots);
     if (weights == NULL) {
         return pci_fail_memory(f->context, stage);
@@ -88,66 +91,44 @@ static pc_status measure(pci_scratch *scratch, const pci_skin_fit *f, const pci_
     for (size_t v = 0; v < p->vertex_count; ++v) {
         pci_skin_normalize(&f->weights[v * p->slots], p->slots, &weights[v * p->slots]);
     }
-    pci_skin_measures measures;
-    const pc_status status =
-        pci_skin_measure(f->context, p, pci_skin_kernel_float(), weights, &measures, NULL);
-    *total = normalize_losses(f, p, &measures, losses);
-    *reflections = measures.reflections;
-    return status;
+    return pci_skin_measure(f->context, p, pci_skin_kernel_float(), weights, measures, NULL);
 }
 
-// The problem with the paper's losses, which the report gives.
-static pci_skin_problem paper_problem(const pci_skin_fit *f) {
-    pci_skin_problem paper = f->problem;
-    paper.typical = 0.0;
-    memcpy(paper.norms, f->paper_norms, sizeof(paper.norms));
-    return paper;
-}
-
-static pc_status measure_before(pci_scratch *scratch, const pci_skin_fit *f, pc_skin_report *r) {
+static void report_before(const pci_skin_fit *f, const pci_skin_measures *measures,
+                          pc_skin_report *r) {
     double losses[3];
-    uint64_t reflections;
-    const pci_skin_problem paper = paper_problem(f);
-    const pc_status status = measure(scratch, f, &paper, losses, &r->loss_before, &reflections);
+    r->loss_before = normalize_losses(f, f->paper_norms, measures, losses);
     r->rigid_before = losses[0];
     r->collision_before = losses[1];
     r->attachment_before = losses[2];
-    return status;
 }
 
-static pc_status measure_full(pci_scratch *scratch, const pci_skin_fit *f, pc_skin_report *r) {
+static void report_after(const pci_skin_fit *f, const pci_skin_measures *measures,
+                         pc_skin_report *r) {
     double losses[3];
-    uint64_t reflections;
-    const pci_skin_problem paper = paper_problem(f);
-    return measure(scratch, f, &paper, losses, &r->full_loss, &reflections);
-}
-
-static pc_status measure_after(pci_scratch *scratch, const pci_skin_fit *f, pc_skin_report *r) {
-    double losses[3];
-    const pci_skin_problem paper = paper_problem(f);
-    const pc_status status = measure(scratch, f, &paper, losses, &r->loss_after, &r->reflections);
+    r->loss_after = normalize_losses(f, f->paper_norms, measures, losses);
     r->rigid_after = losses[0];
     r->collision_after = losses[1];
     r->attachment_after = losses[2];
-    return status;
+    r->reflections = measures->reflections;
 }
 
 // Layers that the proxy moves through each other cannot be held together by weights; they must not
 // cost the shape of each layer. So L_c weighs no more than L_r at first, ...
-static pc_status balance(pci_scratch *scratch, pci_skin_fit *f) {
-    double losses[3] = {0.0}, total;
-    uint64_t reflections;
-    const pc_status status = measure(scratch, f, &f->problem, losses, &total, &reflections);
+static void balance(pci_skin_fit *f, const pci_skin_measures *measures) {
+    double losses[3];
+    (void)normalize_losses(f, f->problem.norms, measures, losses);
     f->rigid_before = f->options->lambda_rigid > 0.0 ? losses[0] : 0.0;
     if (f->rigid_before > 0.0 && losses[1] > f->rigid_before) {
         f->spatial_share = f->rigid_before / losses[1];
     }
-    return status;
 }
 
 // ... and less where L_r does not fall. True when that changed.
-static bool rebalance(pci_skin_fit *f, double rigid) {
-    if (f->rigid_before == 0.0 || rigid <= rigid_share * f->rigid_before) {
+static bool rebalance(pci_skin_fit *f, const pci_skin_measures *measures) {
+    double losses[3];
+    (void)normalize_losses(f, f->problem.norms, measures, losses);
+    if (losses[0] <= rigid_share * f->rigid_before || f->rigid_before == 0.0) {
         return false;
     }
     f->spatial_share *= 0.25;
@@ -180,10 +161,10 @@ static pc_status descend(const pci_skin_fit *f, size_t phase) {
 pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *f, pc_skin_report *r) {
     uint32_t widths[PHASES];
     phase_widths(f, widths);
-    pc_status status = measure_before(scratch, f, r);
-    if (status == PC_OK) {
-        status = balance(scratch, f);
-    }
+    pci_skin_measures measures = {0};
+    pc_status status = measure(scratch, f, &measures);
+    report_before(f, &measures, r);
+    balance(f, &measures);
     for (size_t phase = 0; phase < PHASES && status == PC_OK; ++phase) {
         if (widths[phase] < f->problem.slots) {
             status = cut(scratch, f, widths[phase]);
@@ -192,15 +173,19 @@ pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *f, pc_skin_repo
             status = descend(f, phase);
         }
         if (status == PC_OK && phase + 1 < PHASES) {
-            double losses[3] = {0.0}, total = 0.0;
-            uint64_t reflections = 0;
-            status = measure(scratch, f, &f->problem, losses, &total, &reflections);
+            double losses[3];
+            status = measure(scratch, f, &measures);
+            const double total = normalize_losses(f, f->paper_norms, &measures, losses);
             r->full_loss = phase == 0 ? total : r->full_loss;
-            (void)rebalance(f, losses[0]);
+            (void)rebalance(f, &measures);
         }
     }
     r->spatial_share = f->spatial_share;
-    return status == PC_OK ? measure_after(scratch, f, r) : status;
+    if (status == PC_OK) {
+        status = measure(scratch, f, &measures);
+        report_after(f, &measures, r);
+    }
+    return status;
 }
 
 // ---- alternation --------------------------------------------------------------------------------
@@ -293,6 +278,15 @@ static bool keep_moving(pci_skin_fit *f) {
     return true;
 }
 
+static void normalize_rows(const pci_skin_fit *f) {
+    const uint32_t slots = f->problem.slots;
+    for (size_t v = 0; v < f->problem.vertex_count; ++v) {
+        double row[PCI_SKIN_CANDIDATES_MAX];
+        pci_skin_normalize(&f->weights[v * slots], slots, row);
+        memcpy(&f->weights[v * slots], row, slots * sizeof(*row));
+    }
+}
+
 static pc_status weigh(pci_scratch *scratch, const pci_skin_fit *f, pci_skin_alternation *a) {
     const pc_skin_options *o = f->options;
     const double lambda[4] = {o->lambda_rigid, f->spatial_share * o->lambda_collision,
@@ -313,50 +307,46 @@ pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_
         return pci_fail_memory(f->context, stage);
     }
     pci_skin_alternation_follow(&a, f->proxy, &f->followed);
-    pc_status status = measure_before(scratch, f, r);
+    pci_skin_measures measures = {0};
+    normalize_rows(f);
+    pc_status status = measure(scratch, f, &measures);
+    report_before(f, &measures, r);
     if (status == PC_OK) {
-        status = balance(scratch, f);
+        status = pci_skin_alternation_measure(&a, f->weights, &measures);
+        balance(f, &measures);
     }
     start_from_followed(f);
     hold_pinned(f, a.allowed);
-    for (size_t v = 0; v < p->vertex_count; ++v) {
-        double row[PCI_SKIN_CANDIDATES_MAX];
-        pci_skin_normalize(&f->weights[v * slots], slots, row);
-        memcpy(&f->weights[v * slots], row, slots * sizeof(*row));
-    }
+    normalize_rows(f);
     if (status == PC_OK) {
         status = weigh(scratch, f, &a);
     }
     for (size_t phase = 0; phase < PHASES && status == PC_OK; ++phase) {
-        if (phase > 0) {
-            // The pass over the frames before slots are taken away also measures.
+        if (phase == 1) {
             double losses[3];
-            pci_skin_measures measures;
+            status = measure(scratch, f, &measures);
+            r->full_loss = normalize_losses(f, f->paper_norms, &measures, losses);
+        }
+        if (phase > 0 && status == PC_OK) {
+            // The pass over the frames before slots are taken away also measures.
             const bool still = keep_moving(f);
-            if (phase == 1) {
-                status = measure_full(scratch, f, r);
-            }
-            if (status == PC_OK) {
-                status = pci_skin_alternation_prune(&a, widths[phase], f->weights, &measures);
-            }
-            if (status != PC_OK) {
-                break;
-            }
-            (void)normalize_losses(f, p, &measures, losses);
-            if (rebalance(f, losses[0]) || still) {
+            status = pci_skin_alternation_prune(&a, widths[phase], f->weights, &measures);
+            if (status == PC_OK && (rebalance(f, &measures) || still)) {
                 status = weigh(scratch, f, &a);
             }
         }
         if (status == PC_OK) {
-            status = pci_skin_alternation_run(&a, phase_share(o->rounds, phase), o->round_gain,
-                                              phase == 0 ? 0.0 : phase_ends[phase - 1],
-                                              phase_ends[phase], f->weights);
+            status = pci_skin_alternation_run(
+                &a, phase_share(o->rounds, phase), o->round_gain, phase + 1 < PHASES,
+                phase == 0 ? 0.0 : phase_ends[phase - 1], phase_ends[phase], f->weights);
         }
     }
     r->rounds = a.rounds;
     r->spatial_share = f->spatial_share;
-    if (status == PC_OK && widths[PHASES - 1] < slots) {
-        status = cut(scratch, f, widths[PHASES - 1]);
+    if (status == PC_OK) {
+        status = measure(scratch, f, &measures);
+        report_after(f, &measures, r);
     }
-    return status == PC_OK ? measure_after(scratch, f, r) : status;
+    return status == PC_OK && widths[PHASES - 1] < slots ? cut(scratch, f, widths[PHASES - 1])
+                                                         : status;
 }

@@ -338,7 +338,7 @@ void pci_skin_frames_set_weights(pci_skin_frames *w, const double *weights) {
 
 typedef struct evaluation {
     const pci_skin_frames *w;
-    size_t begin, end; // blocks
+    size_t begin, end, stride; // blocks
     bool gradient;
     pci_skin_sums *sums;
 } evaluation;
@@ -352,7 +352,7 @@ static void evaluate_patches(void *user, size_t begin, size_t end, uint32_t work
         if (job->gradient) {
             memset(gradient, 0, w->patches[i].local_count * row_size);
         }
-        for (size_t b = job->begin; b < job->end; ++b) {
+        for (size_t b = job->begin; b < job->end; b += job->stride) {
             pci_skin_sums *sums = job->sums != NULL ? &job->sums[i * w->block_count + b] : NULL;
             w->kernel->evaluate(&w->data, &w->patches[i], w->drivers + b * w->driver_size,
                                 &w->buffers[worker], b == job->begin, sums, gradient);
@@ -360,12 +360,13 @@ static void evaluate_patches(void *user, size_t begin, size_t end, uint32_t work
     }
 }
 
-bool pci_skin_frames_evaluate(pci_skin_frames *w, size_t begin, size_t end, bool gradient,
-                              pci_skin_sums *sums) {
+bool pci_skin_frames_evaluate(pci_skin_frames *w, size_t begin, size_t end, size_t stride,
+                              bool gradient, pci_skin_sums *sums) {
     if (sums != NULL) {
         memset(sums, 0, w->patch_count * w->block_count * sizeof(*sums));
     }
-    evaluation job = {.w = w, .begin = begin, .end = end, .gradient = gradient, .sums = sums};
+    evaluation job = {
+        .w = w, .begin = begin, .end = end, .stride = stride, .gradient = gradient, .sums = sums};
     return pci_parallel_while_wanted(w->context, w->patch_count, 1, evaluate_patches, &job);
 }
 
@@ -419,7 +420,7 @@ pc_status pci_skin_measure(pc_context *context, const pci_skin_problem *problem,
     }
     if (good) {
         pci_skin_frames_set_weights(&w, weights);
-        good = pci_skin_frames_evaluate(&w, 0, w.block_count, false, sums);
+        good = pci_skin_frames_evaluate(&w, 0, w.block_count, 1, false, sums);
         pci_skin_frames_add(&w, sums, measures, per_frame);
     }
     pci_scratch_end(&scratch);
@@ -437,7 +438,7 @@ pc_status pci_skin_gradient(pc_context *context, const pci_skin_problem *problem
         for (size_t x = 0; x < 4; ++x) {
             w.data.scale[x] = scale[x] / (w.unit * w.unit);
         }
-        good = pci_skin_frames_evaluate(&w, 0, w.block_count, true, NULL);
+        good = pci_skin_frames_evaluate(&w, 0, w.block_count, 1, true, NULL);
         for (size_t v = 0; v < problem->vertex_count; ++v) {
             pci_skin_frames_row(&w, v, &gradient[v * problem->slots]);
         }

@@ -41,10 +41,10 @@ bool pci_skin_frames_build_sequential(pci_scratch *scratch, const pci_skin_probl
 
 void pci_skin_frames_set_weights(pci_skin_frames *w, const double *weights);
 
-// Evaluates the blocks from `begin` to `end`. `sums` (#patches by #blocks, the patch first) may be
-// NULL. False: cancelled.
-bool pci_skin_frames_evaluate(pci_skin_frames *w, size_t begin, size_t end, bool gradient,
-                              pci_skin_sums *sums);
+// Evaluates the blocks begin, begin + stride, ... below `end`. `sums` (#patches by #blocks, the
+// patch first) may be NULL. False: cancelled.
+bool pci_skin_frames_evaluate(pci_skin_frames *w, size_t begin, size_t end, size_t stride,
+                              bool gradient, pci_skin_sums *sums);
 
 // The row of dE/dW of one vertex, of the blocks evaluated last.
 void pci_skin_frames_row(const pci_skin_frames *w, size_t vertex, double *row);

@@ -5,7 +5,7 @@
 #include "stages/skin_frames.h"
 #include "stages/skin_simplex.h"
 
-enum { GROUP = 32, GRAIN = 4 }; // vertices that one thread visits in turn; groups per piece
+enum { GROUP = 64, GRAIN = 1 }; // vertices that one thread visits in turn; groups per piece
 
 static const double ridge_share = 1e-9; // of the trace of a block, keeps it definite
 
@@ -207,6 +207,8 @@ static bool build_loaded(pci_scratch *scratch, pci_skin_quadratic *q) {
         g->row_numbers = PCI_SCRATCH(scratch, uint32_t, q->vertex_count);
         g->bone_numbers = PCI_SCRATCH(scratch, uint32_t, q->proxy_count);
         g->vertices = PCI_SCRATCH(scratch, uint32_t, rows);
+        g->row_offsets = PCI_SCRATCH(scratch, uint32_t, rows + 1);
+        g->positions = PCI_SCRATCH(scratch, uint32_t, (size_t)GROUP * q->slots);
         g->places = PCI_SCRATCH(scratch, uint32_t, rows * q->slots);
         g->moved = PCI_SCRATCH(scratch, double, rows * q->slots);
         g->bones = PCI_SCRATCH(scratch, uint32_t, most);
@@ -244,72 +246,57 @@ typedef struct sweep_job {
     uint32_t *allowed; // of the quadratic, if slots are taken away
 } sweep_job;
 
-// Collects the rows that a group needs, with bones numbered by their first appearance.
-static void load_group(const sweep_job *job, uint32_t group, pci_skin_group *g) {
+// Adds the row of a vertex: its slots that have weight or may have. `positions` (by slots, or NULL)
+// receives where they are.
+static void load_row(const sweep_job *job, size_t v, pci_skin_group *g, uint32_t *positions) {
     const pci_skin_quadratic *q = job->q;
-    const size_t slots = q->slots;
-    g->row_count = g->bone_count = 0;
-    for (size_t m = q->group_offsets[group]; m < q->group_offsets[group + 1]; ++m) {
-        const uint32_t v = q->members[m];
-        for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
-            const size_t j = q->columns[e];
-            if (g->row_numbers[j] != 0) {
-                continue;
-            }
-            g->vertices[g->row_count] = (uint32_t)j;
-            g->row_numbers[j] = ++g->row_count;
-            const size_t row = slots * (g->row_count - 1);
-            for (size_t k = 0; k < slots; ++k) {
-                const uint32_t bone = q->bones[slots * j + k];
-                if (g->bone_numbers[bone] == 0) {
-                    g->bones[g->bone_count] = bone;
-                    g->bone_numbers[bone] = ++g->bone_count;
-                }
-                g->places[row + k] = g->bone_numbers[bone] - 1;
-                g->moved[row + k] = job->weights[slots * j + k] - job->reference[slots * j + k];
-            }
+    uint32_t next = g->row_offsets[g->row_count];
+    g->vertices[g->row_count] = (uint32_t)v;
+    g->row_numbers[v] = ++g->row_count;
+    for (size_t k = 0; k < q->slots; ++k) {
+        const size_t slot = q->slots * v + k;
+        const double moved = job->weights[slot] - job->reference[slot];
+        if ((q->allowed[v] >> k & 1) == 0 && moved == 0.0) {
+            continue;
         }
-    }
-    const size_t count = g->bone_count;
-    for (size_t b = 0; b < count; ++b) {
-        const double *row = &q->gram[q->proxy_count * g->bones[b]];
-        for (size_t c = 0; c < count; ++c) {
-            g->gram[b * count + c] = row[g->bones[c]];
+        const uint32_t bone = q->bones[slot];
+        if (g->bone_numbers[bone] == 0) {
+            g->bones[g->bone_count] = bone;
+            g->bone_numbers[bone] = ++g->bone_count;
         }
-        g->bone_numbers[g->bones[b]] = 0;
+        if (positions != NULL) {
+            positions[k] = next;
+        }
+        g->places[next] = g->bone_numbers[bone] - 1;
+        g->moved[next++] = moved;
     }
+    g->row_offsets[g->row_count] = next;
 }
 
-// The gradient of one row at the present weights: g0 + G sum_j M_ij (w_j - w0_j).
-static void row_gradient(const sweep_job *job, uint32_t v, const pci_skin_group *g,
-                         double *gradient) {
+// Collects the rows that a group needs, its own first, with bones numbered by their first
+// appearance; and the rows of G of its own bones.
+static void load_group(const sweep_job *job, uint32_t group, pci_skin_group *g) {
     const pci_skin_quadratic *q = job->q;
-    const size_t slots = q->slots, count = g->bone_count;
-    const double *gram = g->gram;
-    double *y = g->accumulator;
-    memset(y, 0, count * sizeof(*y));
-    for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
-        const size_t row = slots * (g->row_numbers[q->columns[e]] - 1);
-        const uint32_t *places = &g->places[row];
-        const double *moved = &g->moved[row], value = q->values[e];
-        for (size_t k = 0; k < slots; ++k) {
-            y[places[k]] += value * moved[k];
-        }
+    const size_t first = q->group_offsets[group], last = q->group_offsets[group + 1];
+    g->row_count = g->bone_count = 0;
+    for (size_t m = first; m < last; ++m) {
+        load_row(job, q->members[m], g, &g->positions[q->slots * (m - first)]);
     }
-    const uint32_t *places = &g->places[slots * (g->row_numbers[v] - 1)];
-    for (size_t k = 0; k < slots; ++k) {
-        const double *row = &gram[count * places[k]];
-        double sums[4] = {0};
-        size_t b = 0;
-        for (; b + 4 <= count; b += 4) {
-            for (size_t l = 0; l < 4; ++l) {
-                sums[l] += row[b + l] * y[b + l];
+    const size_t own_bones = g->bone_count;
+    for (size_t m = first; m < last; ++m) {
+        const uint32_t v = q->members[m];
+        for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
+            if (g->row_numbers[q->columns[e]] == 0) {
+                load_row(job, q->columns[e], g, NULL);
             }
         }
-        for (; b < count; ++b) {
-            sums[0] += row[b] * y[b];
+    }
+    for (size_t b = 0; b < g->bone_count; ++b) {
+        const double *row = &q->gram[q->proxy_count * g->bones[b]];
+        for (size_t c = 0; c < g->bone_count && b < own_bones; ++c) {
+            g->gram[b * g->bone_count + c] = row[g->bones[c]];
         }
-        gradient[k] = job->gradient[slots * v + k] + ((sums[0] + sums[2]) + (sums[1] + sums[3]));
+        g->bone_numbers[g->bones[b]] = 0;
     }
 }
 
@@ -322,24 +309,49 @@ typedef struct row_program {
     double ridge;
 } row_program;
 
-static void extract_row(const sweep_job *job, uint32_t v, const pci_skin_group *g, row_program *r) {
+// G sum_j M_ij (w_j - w0_j) at one bone, from the sum.
+static double multiply_row(const double *row, const double *y, size_t count) {
+    double sums[4] = {0};
+    size_t b = 0;
+    for (; b + 4 <= count; b += 4) {
+        for (size_t l = 0; l < 4; ++l) {
+            sums[l] += row[b + l] * y[b + l];
+        }
+    }
+    for (; b < count; ++b) {
+        sums[0] += row[b] * y[b];
+    }
+    return (sums[0] + sums[2]) + (sums[1] + sums[3]);
+}
+
+static void extract_row(const sweep_job *job, uint32_t v, const pci_skin_group *g,
+                        const uint32_t *positions, row_program *r) {
     const pci_skin_quadratic *q = job->q;
-    const uint32_t *places = &g->places[(size_t)q->slots * (g->row_numbers[v] - 1)];
-    double gradient[PCI_SKIN_SLOTS_MAX], trace = 0.0;
-    row_gradient(job, v, g, gradient);
-    r->count = 0;
-    for (uint32_t k = 0; k < q->slots; ++k) {
-        if (q->allowed[v] >> k & 1) {
-            r->slots[r->count] = k;
-            r->weights[r->count] = job->weights[(size_t)v * q->slots + k];
-            r->gradient[r->count++] = gradient[k];
+    const size_t own = (size_t)v * q->slots, count = g->bone_count;
+    double *y = g->accumulator, trace = 0.0;
+    memset(y, 0, count * sizeof(*y));
+    for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
+        const uint32_t row = g->row_numbers[q->columns[e]] - 1;
+        const double value = q->values[e];
+        for (size_t k = g->row_offsets[row]; k < g->row_offsets[row + 1]; ++k) {
+            y[g->places[k]] += value * g->moved[k];
         }
     }
     const double diagonal = q->values[q->offsets[v]];
+    uint32_t places[PCI_SKIN_SLOTS_MAX];
+    r->count = 0;
+    for (uint32_t k = 0; k < q->slots; ++k) {
+        if (q->allowed[v] >> k & 1) {
+            places[r->count] = g->places[positions[k]];
+            r->slots[r->count] = k;
+            r->weights[r->count++] = job->weights[own + k];
+        }
+    }
     for (uint32_t i = 0; i < r->count; ++i) {
-        const double *row = &g->gram[(size_t)g->bone_count * places[r->slots[i]]];
+        const double *row = &g->gram[count * places[i]];
+        r->gradient[i] = job->gradient[own + r->slots[i]] + multiply_row(row, y, count);
         for (uint32_t j = 0; j < r->count; ++j) {
-            r->a[i * r->count + j] = diagonal * row[places[r->slots[j]]];
+            r->a[i * r->count + j] = diagonal * row[places[j]];
         }
         trace += r->a[i * r->count + i];
     }
@@ -380,23 +392,24 @@ static void drop_slot(row_program *r, uint32_t out) {
 
 static void minimize_row(const sweep_job *job, uint32_t v, const pci_skin_group *g) {
     const pci_skin_quadratic *q = job->q;
-    const size_t own = (size_t)v * q->slots, row = (size_t)q->slots * (g->row_numbers[v] - 1);
+    const size_t own = (size_t)v * q->slots;
+    const uint32_t *positions = &g->positions[(size_t)q->slots * (g->row_numbers[v] - 1)];
     row_program r;
-    extract_row(job, v, g, &r);
+    extract_row(job, v, g, positions, &r);
     pci_simplex_minimize(r.count, r.a, r.ridge, r.weights, r.gradient);
     while (job->kept > 0 && r.count > job->kept) {
         const uint32_t out = pci_simplex_least(r.count, r.a, r.ridge, r.weights);
         const uint32_t slot = r.slots[out];
         job->allowed[v] &= ~((uint32_t)1 << slot);
         job->weights[own + slot] = 0.0;
-        g->moved[row + slot] = -job->reference[own + slot];
+        g->moved[positions[slot]] = -job->reference[own + slot];
         drop_slot(&r, out);
         pci_simplex_minimize(r.count, r.a, r.ridge, r.weights, r.gradient);
     }
     for (uint32_t i = 0; i < r.count; ++i) {
         const uint32_t slot = r.slots[i];
         job->weights[own + slot] = r.weights[i];
-        g->moved[row + slot] = r.weights[i] - job->reference[own + slot];
+        g->moved[positions[slot]] = r.weights[i] - job->reference[own + slot];
     }
 }
 

@@ -14,11 +14,13 @@ typedef struct pci_skin_group {
     uint32_t row_count, bone_count;
     uint32_t *row_numbers;  // #V: 1 + number of the row, or 0
     uint32_t *bone_numbers; // #P: likewise, while the group is loaded
-    uint32_t *vertices;     // #rows
-    uint32_t *places;       // #rows by slots: numbers of the bones
-    double *moved;          // #rows by slots: w - w0
+    uint32_t *vertices;     // #rows, those of the group first
+    uint32_t *row_offsets;  // #rows + 1
+    uint32_t *places;       // slots of all rows: numbers of the bones
+    double *moved;          // slots of all rows: w - w0
+    uint32_t *positions;    // of the slots of the group, in the two arrays above
     uint32_t *bones;        // #bones
-    double *gram;           // #bones by #bones
+    double *gram;           // #bones by #bones, rows of the bones of the group
     double *accumulator;    // #bones
 } pci_skin_group;
 

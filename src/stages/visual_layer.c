@@ -5,6 +5,7 @@
 #include "core/core.h"
 #include "core/manifold.h"
 #include "core/topology.h"
+#include "stages/hidden.h"
 #include "stages/loops.h"
 #include "stages/shells.h"
 
@@ -15,7 +16,7 @@ enum { grain = 256, most_near = 512 };
 static const double plain_share = 0.02;
 // A lining shows its back to the back of the cloth, everywhere. Where a sheet is folded, backs and
 // fronts meet in turn, so that the two shares are alike.
-static const double most_lined_share = 0.15, most_lined_surplus = 0.05;
+static const double most_lined_surplus = 0.05, least_folded_ratio = 0.5;
 // Holes of a shorter way around are no openings, in voxels.
 static const double smallest_opening = 3.0;
 // Thicker shells are solids, in voxels.
@@ -26,9 +27,9 @@ typedef struct probe {
     const pc_mesh *mesh;
     const uint32_t *component; // #F
     size_t component_count;
-    double reach;
+    double reach, touch_reach;
     uint8_t *sees;       // #F, bit 0: a back close behind it, bit 1: a front close before it
-    atomic_bool touches; // two components are within reach: nothing else matters
+    atomic_bool touches; // two components are within touch_reach: nothing else matters
 } probe;
 
 static bool sees(const probe *p, const double point[3], const double normal[3], double side) {
@@ -54,8 +55,9 @@ static void look_around(void *user, size_t begin, size_t end, uint32_t worker) {
             middle[k] = (corners[0][k] + corners[1][k] + corners[2][k]) / 3.0;
         }
         uint32_t near[most_near];
-        const size_t count =
-            p->component_count > 1 ? pci_bvh_collect(p->bvh, middle, p->reach, most_near, near) : 0;
+        const size_t count = p->component_count > 1
+                                 ? pci_bvh_collect(p->bvh, middle, p->touch_reach, most_near, near)
+                                 : 0;
         for (size_t i = 0; i < count && i < most_near; ++i) {
             if (p->component[near[i]] != p->component[t]) {
                 atomic_store(&p->touches, true);
@@ -119,7 +121,7 @@ static pci_layering classify(probe *p) {
     if (back + front <= plain_share * area) {
         return PCI_PLAIN;
     }
-    return back <= most_lined_share * area && back - front <= most_lined_surplus * area
+    return back - front <= most_lined_surplus * area || front >= least_folded_ratio * back
                ? PCI_FOLDED
                : PCI_LAYERED;
 }
@@ -131,6 +133,7 @@ static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh 
     pci_topology topology;
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
     probe p = {.mesh = layer, .component = component, .reach = cell_size};
+    p.touch_reach = cell_size + thickness;
     p.sees = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
     uint8_t *missed = PCI_SCRATCH(scratch, uint8_t, surface->vertex_count);
     if (scratch->failed || !pci_topology_build(scratch, layer, &topology)) {
@@ -167,7 +170,9 @@ pc_status pci_visual_cloth(pci_scratch *scratch, const char *stage, const pc_mes
     if (!pci_mesh_repair(scratch, surface, NULL, cloth, &counts)) {
         return pci_fail_memory(scratch->context, stage);
     }
-    return pci_peel_shells(scratch, stage, thickest_shell * cell_size, cloth, thickness);
+    const pc_status status =
+        pci_peel_shells(scratch, stage, thickest_shell * cell_size, cloth, thickness);
+    return status == PC_OK ? pci_drop_hidden(scratch, stage, cell_size, cloth) : status;
 }
 
 pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mesh *surface,

@@ -10,9 +10,9 @@ typedef enum pci_layering {
     PCI_PLAIN    // one sheet, nowhere close to itself
 } pci_layering;
 
-// The cloth of a visual mesh: repaired to a manifold, thick shells peeled (stages/shells.h).
-// `thickness` is that of the thickest one. PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY;
-// PC_ERROR_CANCELLED.
+// The cloth of a visual mesh: repaired to a manifold, thick shells peeled (stages/shells.h),
+// without parts that lie within a voxel of larger ones (stages/hidden.h). `thickness` is that of
+// the thickest shell. PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
 PC_NODISCARD pc_status pci_visual_cloth(pci_scratch *scratch, const char *stage,
                                         const pc_mesh *surface, double cell_size, pc_mesh *cloth,
                                         double *thickness);

@@ -155,7 +155,8 @@ static bool run_paper(bench *b, const char *name, uint32_t batch, uint32_t steps
         good =
             pci_skin_alternation_build(&scratch, &problem, pci_skin_kernel_float(), &alternation) &&
             pci_skin_alternation_weigh(&scratch, &alternation, lambda, 0.0) &&
-            pci_skin_alternation_run(&alternation, steps, 0.0, 0.0, 1.0, skin.weights) == PC_OK;
+            pci_skin_alternation_run(&alternation, steps, 0.0, false, 0.0, 1.0, skin.weights) ==
+                PC_OK;
     }
     const double seconds = cpu_seconds() - start, peak = peak_mebibytes() - before;
     if (good) {
@@ -187,7 +188,7 @@ static bool run_kernel(bench *b) {
         }
         pci_skin_frames_set_weights(&frames, skin->weights);
         const double start = cpu_seconds();
-        good = pci_skin_frames_evaluate(&frames, 0, frames.block_count, true,
+        good = pci_skin_frames_evaluate(&frames, 0, frames.block_count, 1, true,
                                         i % 3 == 0 ? NULL : sums);
         const double seconds = cpu_seconds() - start;
         best[i % 3] = seconds < best[i % 3] ? seconds : best[i % 3];

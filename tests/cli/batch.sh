@@ -73,6 +73,7 @@ lines 4 '"outcome":"done","code":0'
 lines 3 '"outcome":"failed","code":3,"error":"input","retryable":false,"message":"in/'
 line coats-long '"path":"in/coats/long.obj".*"results":\["coats-long"\]'
 line hats-old-top '"outcome":"done"'
+line cape "\"input_sha256\":\"$(sha256sum <in/cape.obj | cut -d ' ' -f 1)\""
 line nan 'vertex [0-9] has z'
 for extension in glb h5 json proxy.obj batch.json; do
     [ -f in/out/garments/hats-long/hats-long.$extension ] || fail "no hats-long.$extension"
@@ -120,11 +121,15 @@ rm -r in/out
 
 # Shards: together they make what one run makes, and a run collects them into one report.
 batch 1 in -o whole --jobs 1
-for shard in 1 2 3; do
-    "$program" batch in -o parts $quick --shard $shard/3 >stdout 2>stderr
-    [ -f parts/batch-$shard-of-3.json ] || fail "report of shard $shard"
-    cat stdout >>shards
+for shard in 1 2 3; do # at once, as on a farm
+    "$program" batch in -o parts $quick --shard $shard/3 >shard$shard 2>stderr$shard &
 done
+wait
+for shard in 1 2 3; do
+    [ -f parts/batch-$shard-of-3.json ] || fail "report of shard $shard: $(cat stderr$shard)"
+done
+clean parts
+cat shard1 shard2 shard3 >shards
 [ "$(sort -u shards | wc -l)" -eq 7 ] || fail "the shards do not share the garments"
 [ -s whole/report.html ] || fail "no page"
 [ ! -e parts/report.html ] || fail "a page of a shard"
@@ -192,6 +197,7 @@ cat >limits.jsonl <<'EOF'
 EOF
 batch 1 limits.jsonl -o limits --garment-cpu-seconds 1
 line large '"code":7,"error":"limit","retryable":false,"message":".*--garment-cpu-seconds'
+[ "$(ls -A limits/garments/large)" = large.batch.json ] || fail "files of a child that was killed"
 line cape '"outcome":"done"'
 batch 1 limits.jsonl -o limits --garment-cpu-seconds 1
 lines 2 '"ran":false' # nothing changed

@@ -13,6 +13,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "support/files.h"
 #include "support/test.h"
 
 static const cli_command command = {.name = "test"};
@@ -32,17 +33,18 @@ static scene_data fixture(const char *name) {
     return scene;
 }
 
-// Writes text to a file of the given extension and imports it.
-static int import_text(const char *extension, const char *text, scene_data *scene) {
+// Writes bytes to a file of the given extension and imports it.
+static int import_bytes(const char *extension, const void *data, size_t size, scene_data *scene) {
     char path[256];
     snprintf(path, sizeof(path), "/tmp/proxycloth-test-%ld.%s", (long)getpid(), extension);
-    FILE *file = fopen(path, "wb");
-    assert_non_null(file);
-    fputs(text, file);
-    fclose(file);
+    write_bytes(path, data, size);
     const int code = import(path, scene);
     remove(path);
     return code;
+}
+
+static int import_text(const char *extension, const char *text, scene_data *scene) {
+    return import_bytes(extension, text, strlen(text), scene);
 }
 
 static const double *corner(const scene_data *scene, size_t triangle, size_t k) {
@@ -111,6 +113,224 @@ static void units_and_axes_become_metres_and_y_up(void **state) {
     assert_point(corner(&scene, 0, 1), 0.10, 0, -0.02);
     assert_point(corner(&scene, 0, 2), 0.10, 0.03, 0);
     scene_free(&scene);
+}
+
+// ---- a cube of one metre in every format
+// ---------------------------------------------------------
+
+static const uint16_t cube_triangles[36] = {0, 2, 1, 1, 2, 3, 4, 5, 6, 5, 7, 6, 0, 1, 4, 1, 5, 4,
+                                            2, 6, 3, 3, 6, 7, 0, 4, 2, 2, 4, 6, 1, 3, 5, 3, 7, 5};
+
+static double cube_coordinate(size_t vertex, size_t k) { return vertex >> k & 1 ? 1.0 : 0.0; }
+
+typedef struct cube_text {
+    char bytes[8192];
+    size_t size;
+} cube_text;
+
+__attribute__((format(printf, 2, 3))) static void put(cube_text *t, const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    const int length = vsnprintf(t->bytes + t->size, sizeof(t->bytes) - t->size, format, arguments);
+    va_end(arguments);
+    assert_true(length >= 0 && (size_t)length < sizeof(t->bytes) - t->size);
+    t->size += (size_t)length;
+}
+
+static void put_corners(cube_text *t, double side, const char *before, const char *between,
+                        const char *after) {
+    for (size_t v = 0; v < 8; ++v) {
+        put(t, "%s%g%s%g%s%g%s", before, side * cube_coordinate(v, 0), between,
+            side * cube_coordinate(v, 1), between, side * cube_coordinate(v, 2),
+            v < 7 || before[0] != '\0' ? after : "");
+    }
+}
+
+static void put_triangles(cube_text *t, const char *before, int base, const char *between,
+                          const char *after) {
+    for (size_t i = 0; i < 36; i += 3) {
+        put(t, "%s%d%s%d%s%d%s", before, cube_triangles[i] + base, between,
+            cube_triangles[i + 1] + base, between, cube_triangles[i + 2] + base, after);
+    }
+}
+
+// One metre along each axis, wherever it stands, with its front outside.
+static void assert_metre_cube(const char *what, int code, scene_data *scene) {
+    if (code != CLI_OK) {
+        fail_msg("%s cannot be read", what);
+    }
+    assert_int_equal(scene->header.triangle_count, 12);
+    double least[3] = {1e9, 1e9, 1e9}, most[3] = {-1e9, -1e9, -1e9}, volume = 0.0;
+    for (size_t i = 0; i < 36; ++i) {
+        const double *p = corner(scene, i / 3, i % 3);
+        for (size_t k = 0; k < 3; ++k) {
+            least[k] = fmin(least[k], p[k]);
+            most[k] = fmax(most[k], p[k]);
+        }
+    }
+    for (size_t t = 0; t < 12; ++t) {
+        double normal[3];
+        pci_cross(corner(scene, t, 1), corner(scene, t, 2), normal);
+        volume += pci_dot(corner(scene, t, 0), normal) / 6.0;
+    }
+    for (size_t k = 0; k < 3; ++k) {
+        if (!(fabs(most[k] - least[k] - 1.0) < 1e-6)) {
+            fail_msg("%s: %g along axis %zu", what, most[k] - least[k], k);
+        }
+    }
+    assert_close(volume, 1.0, 1e-5);
+    scene_free(scene);
+}
+
+static void put_fbx(cube_text *t, double side, double factor, double node_scale) {
+    put(t,
+        "; FBX 7.3.0 project file\nFBXHeaderExtension: {\nFBXHeaderVersion: 1003\n"
+        "FBXVersion: 7300\n}\nGlobalSettings: {\nVersion: 1000\nProperties70: {\n"
+        "P: \"UpAxis\", \"int\", \"Integer\", \"\",1\nP: \"UpAxisSign\", \"int\", \"Integer\", "
+        "\"\",1\nP: \"FrontAxis\", \"int\", \"Integer\", \"\",2\nP: \"FrontAxisSign\", \"int\", "
+        "\"Integer\", \"\",1\nP: \"CoordAxis\", \"int\", \"Integer\", \"\",0\nP: "
+        "\"CoordAxisSign\", \"int\", \"Integer\", \"\",1\nP: \"UnitScaleFactor\", \"double\", "
+        "\"Number\", \"\",%g\n}\n}\nDefinitions: {\nVersion: 100\nCount: 2\n}\nObjects: {\n"
+        "Geometry: 1000, \"Geometry::cube\", \"Mesh\" {\nVertices: *24 {\na: ",
+        factor);
+    put_corners(t, side, "", ",", ",");
+    put(t, "\n}\nPolygonVertexIndex: *36 {\na: ");
+    for (size_t i = 0; i < 36; ++i) { // the last corner of a polygon is stored as its complement
+        put(t, "%s%d", i > 0 ? "," : "",
+            i % 3 == 2 ? -cube_triangles[i] - 1 : (int)cube_triangles[i]);
+    }
+    put(t,
+        "\n}\nGeometryVersion: 124\n}\nModel: 2000, \"Model::node\", \"Mesh\" {\nVersion: 232\n"
+        "Properties70: {\nP: \"Lcl Scaling\", \"Lcl Scaling\", \"\", \"A\",%g,%g,%g\n}\n}\n}\n"
+        "Connections: {\nC: \"OO\",2000,0\nC: \"OO\",1000,2000\n}\n",
+        node_scale, node_scale, node_scale);
+}
+
+static void put_dae(cube_text *t, double side, double metres) {
+    put(t,
+        "<?xml version=\"1.0\"?><COLLADA xmlns=\"http://www.collada.org/2005/11/COLLADASchema\" "
+        "version=\"1.4.1\"><asset><unit meter=\"%g\"/><up_axis>Y_UP</up_axis></asset>"
+        "<library_geometries><geometry id=\"g\"><mesh><source id=\"p\"><float_array id=\"a\" "
+        "count=\"24\">",
+        metres);
+    put_corners(t, side, "", " ", " ");
+    put(t, "</float_array><technique_common><accessor source=\"#a\" count=\"8\" stride=\"3\">"
+           "<param name=\"X\" type=\"float\"/><param name=\"Y\" type=\"float\"/><param name=\"Z\" "
+           "type=\"float\"/></accessor></technique_common></source><vertices id=\"v\"><input "
+           "semantic=\"POSITION\" source=\"#p\"/></vertices><triangles count=\"12\"><input "
+           "semantic=\"VERTEX\" source=\"#v\" offset=\"0\"/><p>");
+    put_triangles(t, "", 0, " ", " ");
+    put(t,
+        "</p></triangles></mesh></geometry></library_geometries><library_visual_scenes>"
+        "<visual_scene id=\"s\"><node id=\"n\"><instance_geometry url=\"#g\"/></node>"
+        "</visual_scene></library_visual_scenes><scene><instance_visual_scene url=\"#s\"/></scene>"
+        "</COLLADA>");
+}
+
+// The JSON of a glTF file whose buffer has 8 positions, then 36 indices.
+static void put_gltf(cube_text *t, const char *uri) {
+    put(t,
+        "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{"
+        "\"mesh\":0}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1"
+        "}]}],\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":8,\"type\":"
+        "\"VEC3\",\"min\":[0,0,0],\"max\":[1,1,1]},{\"bufferView\":1,\"componentType\":5123,"
+        "\"count\":36,\"type\":\"SCALAR\"}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":96},{"
+        "\"buffer\":0,\"byteOffset\":96,\"byteLength\":72}],\"buffers\":[{%s\"byteLength\":168}]}",
+        uri);
+}
+
+static void cube_buffer(unsigned char buffer[168]) {
+    float positions[24];
+    for (size_t i = 0; i < 24; ++i) {
+        positions[i] = (float)cube_coordinate(i / 3, i % 3);
+    }
+    memcpy(buffer, positions, sizeof(positions));
+    memcpy(buffer + sizeof(positions), cube_triangles, sizeof(cube_triangles));
+}
+
+static void a_metre_is_a_metre_in_text_formats(void **state) {
+    (void)state;
+    scene_data scene;
+    cube_text t = {.size = 0};
+    put_corners(&t, 1.0, "v ", " ", "\n");
+    put_triangles(&t, "f ", 1, " ", "\n");
+    assert_metre_cube("OBJ", import_text("obj", t.bytes, &scene), &scene);
+    t.size = 0;
+    put(&t, "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\n"
+            "property float z\nelement face 12\nproperty list uchar int vertex_indices\n"
+            "end_header\n");
+    put_corners(&t, 1.0, "", " ", "\n");
+    put(&t, "\n");
+    put_triangles(&t, "3 ", 0, " ", "\n");
+    assert_metre_cube("PLY", import_text("ply", t.bytes, &scene), &scene);
+    t.size = 0;
+    put(&t, "solid cube\n");
+    for (size_t i = 0; i < 36; ++i) {
+        const size_t v = cube_triangles[i];
+        put(&t, "%svertex %g %g %g\n%s", i % 3 == 0 ? "facet normal 0 0 0\nouter loop\n" : "",
+            cube_coordinate(v, 0), cube_coordinate(v, 1), cube_coordinate(v, 2),
+            i % 3 == 2 ? "endloop\nendfacet\n" : "");
+    }
+    put(&t, "endsolid cube\n");
+    assert_metre_cube("STL", import_text("stl", t.bytes, &scene), &scene);
+    static const struct {
+        double side, metres;
+    } collada[] = {{1.0, 1.0}, {100.0, 0.01}, {1.0 / 0.0254, 0.0254}};
+    for (size_t i = 0; i < 3; ++i) {
+        t.size = 0;
+        put_dae(&t, collada[i].side, collada[i].metres);
+        assert_metre_cube("DAE", import_text("dae", t.bytes, &scene), &scene);
+    }
+    // As Maya writes it, as Blender does, and in metres.
+    static const struct {
+        double side, factor, node_scale;
+    } fbx[] = {{100.0, 1.0, 1.0}, {1.0, 1.0, 100.0}, {1.0, 100.0, 1.0}};
+    for (size_t i = 0; i < 3; ++i) {
+        t.size = 0;
+        put_fbx(&t, fbx[i].side, fbx[i].factor, fbx[i].node_scale);
+        assert_metre_cube("FBX", import_text("fbx", t.bytes, &scene), &scene);
+    }
+}
+
+static void a_metre_is_a_metre_in_binary_formats(void **state) {
+    (void)state;
+    scene_data scene;
+    unsigned char stl[84 + 12 * 50] = {0}, buffer[168];
+    stl[80] = 12;
+    for (size_t i = 0; i < 36; ++i) {
+        for (size_t k = 0; k < 3; ++k) {
+            const float x = (float)cube_coordinate(cube_triangles[i], k);
+            memcpy(stl + 84 + i / 3 * 50 + 12 + i % 3 * 12 + 4 * k, &x, sizeof(x));
+        }
+    }
+    assert_metre_cube("binary STL", import_bytes("stl", stl, sizeof(stl), &scene), &scene);
+
+    // A glTF file finds its buffer beside it, also from inside the isolated child.
+    char path[256], uri[300];
+    snprintf(path, sizeof(path), "/tmp/proxycloth-test-%ld.bin", (long)getpid());
+    snprintf(uri, sizeof(uri), "\"uri\":\"%s\",", strrchr(path, '/') + 1);
+    cube_buffer(buffer);
+    write_bytes(path, buffer, sizeof(buffer));
+    cube_text t = {.size = 0};
+    put_gltf(&t, uri);
+    const int code = import_text("gltf", t.bytes, &scene);
+    remove(path);
+    assert_metre_cube("glTF", code, &scene);
+
+    t.size = 0;
+    put_gltf(&t, "");
+    while (t.size % 4 != 0) {
+        put(&t, " ");
+    }
+    unsigned char glb[9000];
+    const uint32_t json_size = (uint32_t)t.size, total = 12 + 8 + json_size + 8 + 168;
+    const uint32_t head[5] = {0x46546c67, 2, total, json_size, 0x4e4f534a};
+    const uint32_t chunk[2] = {168, 0x004e4942};
+    memcpy(glb, head, sizeof(head));
+    memcpy(glb + 20, t.bytes, t.size);
+    memcpy(glb + 20 + t.size, chunk, sizeof(chunk));
+    memcpy(glb + 28 + t.size, buffer, sizeof(buffer));
+    assert_metre_cube("GLB", import_bytes("glb", glb, total, &scene), &scene);
 }
 
 static void refuses_what_would_be_garbage(void **state) {
@@ -228,20 +448,20 @@ static void trusts_no_buffer(void **state) {
     size_t refused = 0;
     enum { rounds = 20000 };
     for (uint64_t round = 0; round < rounds; ++round) {
-        unsigned char *bytes = malloc(size);
-        assert_non_null(bytes);
-        memcpy(bytes, good.buffer, size);
+        unsigned char *copy = malloc(size);
+        assert_non_null(copy);
+        memcpy(copy, good.buffer, size);
         for (uint64_t k = 0; k < 1 + round % 4; ++k) {
             // Mostly the header and the parts, where the counts are.
             const double span =
                 round % 3 != 0 ? sizeof(scene_header) + sizeof(scene_part) * 2.0 : (double)size;
             const size_t at = (size_t)(pci_random(round, 2 * k, 0) * span);
-            bytes[at] = (unsigned char)pci_random_bits(round, 2 * k + 1, 0);
+            copy[at] = (unsigned char)pci_random_bits(round, 2 * k + 1, 0);
         }
         const size_t length =
             round % 7 == 0 ? (size_t)(pci_random(round, 9, 0) * (double)size) : size;
         scene_data scene;
-        if (scene_open(bytes, length, &scene) != NULL) {
+        if (scene_open(copy, length, &scene) != NULL) {
             ++refused;
         } else {
             for (size_t i = 0; i < 3 * scene.header.triangle_count; ++i) {
@@ -341,6 +561,8 @@ int main(void) {
         cmocka_unit_test(instances_follow_their_nodes),
         cmocka_unit_test(skins_take_the_rest_pose),
         cmocka_unit_test(units_and_axes_become_metres_and_y_up),
+        cmocka_unit_test(a_metre_is_a_metre_in_text_formats),
+        cmocka_unit_test(a_metre_is_a_metre_in_binary_formats),
         cmocka_unit_test(refuses_what_would_be_garbage),
         cmocka_unit_test(polygons_become_triangles_and_lines_vanish),
         cmocka_unit_test(joins_equal_corners_only),

@@ -2,7 +2,7 @@
 #
 #   godot3 --path PROJECT -s check_godot.gd    (after godot3 --path PROJECT --editor --quit)
 #
-# PROJECT holds tube.glb and tube.json. Godot skins on the GPU; what its shader would get (bone poses,
+# PROJECT holds garment.glb and garment.json. Godot skins on the GPU; what its shader would get (bone poses,
 # binds, bones and weights of the vertices) is multiplied here.
 extends SceneTree
 
@@ -47,9 +47,9 @@ func largest_difference(posed, wanted):
 
 func check():
 	var file = File.new()
-	file.open("res://tube.json", File.READ)
+	file.open("res://garment.json", File.READ)
 	var expected = JSON.parse(file.get_as_text()).result
-	var scene = load("res://tube.glb").instance()
+	var scene = load("res://garment.glb").instance()
 	get_root().add_child(scene)
 	yield(self, "idle_frame")
 	var player = nodes_of(scene, "AnimationPlayer")[0]

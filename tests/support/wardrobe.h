@@ -514,7 +514,7 @@ static const sew_garment sew_wardrobe[] = {
     {"cape_flat_doubled", sew_flat_cape, 1.0, SEW_DOUBLED, 0.0, 1, 1},
     {"cape_lined", sew_cape, 1.5, SEW_LINED, 0.0, 1, 1},
     {"cape_thick", sew_cape, 1.5, 0, 0.03, 1, 1},
-    {"cape_very_thick", sew_cape, 1.5, 0, 0.09, 1, 1},
+    {"cape_very_thick", sew_cape, 1.5, 0, 0.06, 1, 1},
     {"coat", sew_coat, 1.0, 0, 0.0, 1, 3},
     {"coat_coarse", sew_coat, 0.5, SEW_FLIPPED, 0.0, 1, 3},
     {"coat_lined", sew_coat, 1.0, SEW_LINED, 0.0, 1, 3},

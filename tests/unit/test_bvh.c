@@ -159,6 +159,14 @@ static void closest_equals_brute_force(void **state) {
                 assert_close(sqrt(pci_squared_distance(found.point, point)), found.distance,
                              1e-15 * (fabs(offset) + spread * size) * 4.0);
             }
+            // Hints good and bad change nothing.
+            if (i % 3 == 0) {
+                const uint32_t hint =
+                    i % 2 == 0 ? (uint32_t)(i % soup.triangle_count) : expected.triangle;
+                const pci_closest near = pci_bvh_closest_near(bvh, point, hint);
+                assert_int_equal(near.triangle, expected.triangle);
+                assert_true(near.distance == expected.distance);
+            }
         }
         pci_bvh_destroy(context, bvh);
         pc_mesh_free(context, &soup);

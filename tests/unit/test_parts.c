@@ -125,6 +125,30 @@ static void an_outfit_splits_into_garments(void **state) {
 }
 
 // Every triangle of the input is in exactly one part, with its positions and its color.
+// Two panels with vertices of their own are one garment where their borders meet, a hem and a
+// waist a hand apart are not.
+static void panels_are_sewn_together(void **state) {
+    (void)state;
+    static const double gaps[] = {0.0, 0.01, 0.1};
+    for (size_t i = 0; i < 3; ++i) {
+        pc_context *context = test_context(2);
+        pc_mesh all = {0};
+        size_t ends[2];
+        append(context, &all, test_sheet(context, 10, 20, 1.0, 2.0), 0.0, 0.0, 0.0);
+        ends[0] = all.triangle_count;
+        append(context, &all, test_sheet(context, 7, 13, 1.0, 2.0), 1.0 + gaps[i], 0.0, 0.0);
+        ends[1] = all.triangle_count;
+        pc_visual visual = numbered_visual(context, &all, ends, 2);
+        pc_parts parts = {0};
+        assert_ok(context, pc_split_visual(context, &visual, &parts));
+        assert_int_equal(parts.part_count, i < 2 ? 1 : 2);
+        pc_parts_free(context, &parts);
+        pc_visual_free(context, &visual);
+        pc_mesh_free(context, &all);
+        pc_context_destroy(context);
+    }
+}
+
 static void parts_hold_every_triangle_once(void **state) {
     (void)state;
     pc_context *context = test_context(0);
@@ -290,6 +314,7 @@ static void can_be_cancelled(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(an_outfit_splits_into_garments),
+        cmocka_unit_test(panels_are_sewn_together),
         cmocka_unit_test(parts_hold_every_triangle_once),
         cmocka_unit_test(one_garment_is_copied),
         cmocka_unit_test(a_swarm_of_plates_is_one_part),

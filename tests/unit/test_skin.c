@@ -216,8 +216,10 @@ static void nearest_neighbours_match_brute_force(void **state) {
                 assert_true(
                     pci_knn_within(&knn, centre, sqrt(squared[0]) * (1.0 + 1e-15), &nearest));
                 assert_int_equal(nearest, found[0]);
+                assert_true(pci_knn_within(&knn, centre, sqrt(squared[0]) * (1.0 + 1e-15), NULL));
                 assert_false(
                     pci_knn_within(&knn, centre, sqrt(squared[0]) * (1.0 - 1e-15), &nearest));
+                assert_false(pci_knn_within(&knn, centre, sqrt(squared[0]) * (1.0 - 1e-15), NULL));
             }
         }
     }

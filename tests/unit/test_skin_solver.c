@@ -170,7 +170,7 @@ static void the_matrix_is_that_of_the_losses(void **state) {
     const double lambda[4] = {1.0, 0.5, 0.1, 2.0};
     assert_true(pci_skin_alternation_weigh(&s.f.scratch, &s.a, lambda, 0.7));
     const pci_skin_quadratic *q = &s.a.quadratic;
-    const double *scale = s.a.frames.data.scale;
+    const double *scale = s.a.scale;
     const size_t nv = p->vertex_count;
     double *u = calloc(nv, sizeof(double));
     for (uint64_t seed = 0; seed < 4; ++seed) {
@@ -241,7 +241,7 @@ static void sweeps_reach_the_minimum(void **state) {
     const size_t slots = p->slots, count = s.f.count;
     double *g0 = calloc(count, sizeof(double)), *w = calloc(count, sizeof(double)), scale = 0.0;
     for (size_t i = 0; i < count; ++i) {
-        const double g = s.a.gram[p->bones[i] * (p->proxy_count + 1)];
+        const double g = s.a.levels[PCI_SKIN_ALL].gram[p->bones[i] * (p->proxy_count + 1)];
         g0[i] = g * q->values[0] * (pci_random(3, 1, i) - 0.5);
         scale = fabs(g0[i]) > scale ? fabs(g0[i]) : scale;
     }
@@ -257,7 +257,8 @@ static void sweeps_reach_the_minimum(void **state) {
             for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
                 for (size_t l = q->columns[e] * slots; l < (q->columns[e] + 1) * slots; ++l) {
                     g[k] += q->values[e] * (w[l] - s.f.weights[l]) *
-                            s.a.gram[p->proxy_count * p->bones[v * slots + k] + p->bones[l]];
+                            s.a.levels[PCI_SKIN_ALL]
+                                .gram[p->proxy_count * p->bones[v * slots + k] + p->bones[l]];
                 }
             }
             lowest = g[k] < lowest ? g[k] : lowest;
@@ -314,7 +315,8 @@ static void reaches_the_loss_of_adamw(void **state) {
                 pci_skin_normalize(&surrogate[row], f->problem.slots, &adamw[row]);
             }
             memcpy(ours, f->weights, f->count * sizeof(double));
-            assert_ok(f->context, pci_skin_alternation_run(&s.a, rounds, 0.0, 0.0, 1.0, ours));
+            assert_ok(f->context,
+                      pci_skin_alternation_run(&s.a, rounds, 0.0, false, 0.0, 1.0, ours));
             const double theirs = loss_of(f, adamw), mine = loss_of(f, ours);
             if (!(mine <= theirs)) {
                 fail_msg("%s, %u rounds: %g, AdamW %g", f->name, rounds, mine, theirs);
@@ -337,7 +339,7 @@ static void stops_at_a_stationary_point(void **state) {
     const pci_skin_problem *p = &f->problem;
     double *w = calloc(f->count, sizeof(double)), *g = calloc(f->count, sizeof(double));
     memcpy(w, f->weights, f->count * sizeof(double));
-    assert_ok(f->context, pci_skin_alternation_run(&s.a, 1500, 0.0, 0.0, 1.0, w));
+    assert_ok(f->context, pci_skin_alternation_run(&s.a, 1500, 0.0, false, 0.0, 1.0, w));
     double scale[4] = {0.0}, before = 0.0, after = 0.0;
     for (size_t x = 0; x < 3; ++x) {
         scale[x] = lambda_all[x] / (p->norms[x] * (double)p->frame_count);
@@ -388,7 +390,7 @@ static void pruning_beats_cutting(void **state) {
     const size_t slots = f->problem.slots;
     double *w = calloc(f->count, sizeof(double)), *cut = calloc(f->count, sizeof(double));
     memcpy(w, f->weights, f->count * sizeof(double));
-    assert_ok(f->context, pci_skin_alternation_run(&s.a, 24, 0.0, 0.0, 1.0, w));
+    assert_ok(f->context, pci_skin_alternation_run(&s.a, 24, 0.0, false, 0.0, 1.0, w));
     const double full = loss_of(f, w);
     for (size_t v = 0; v < f->problem.vertex_count; ++v) {
         double sum = 0.0;
@@ -407,7 +409,7 @@ static void pruning_beats_cutting(void **state) {
     pci_skin_measures measures;
     assert_ok(f->context, pci_skin_alternation_prune(&s.a, 4, w, &measures));
     const double pruned = loss_of(f, w);
-    assert_ok(f->context, pci_skin_alternation_run(&s.a, 24, 0.0, 0.0, 1.0, w));
+    assert_ok(f->context, pci_skin_alternation_run(&s.a, 24, 0.0, false, 0.0, 1.0, w));
     for (size_t v = 0; v < f->problem.vertex_count; ++v) {
         size_t used = 0;
         for (size_t k = 0; k < slots; ++k) {

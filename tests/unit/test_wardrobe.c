@@ -17,9 +17,10 @@ static const sew_garment *find_garment(const char *name) {
 static void proxies_are_what_the_garments_are(void **state) {
     (void)state;
     static const char *const names[] = {
-        "cape_doubled", "coat_thick",   "hat_thick",      "lab_coat", "lab_coat_cracked",
-        "poncho_thick", "skirt_layers", "tunic_coarse",   "trousers", "socks",
-        "top",          "scarf_thick",  "dress_of_shells"};
+        "cape_doubled",     "coat_thick",   "hat_thick",    "lab_coat",
+        "lab_coat_cracked", "poncho_thick", "skirt_layers", "tunic_coarse",
+        "trousers",         "socks",        "top",          "scarf_thick",
+        "dress_of_shells",  "belt",         "skirt_tiers",  "trousers_lined"};
     for (size_t i = 0; i < sizeof(names) / sizeof(names[0]); ++i) {
         const sew_garment *garment = find_garment(names[i]);
         pc_context *context = test_context(2);

@@ -1,0 +1,53 @@
+// What crosses the border of the import child: the buffer that it sends (first byte even), and the
+// rewriting of GLB files inside it (odd).
+#include <string.h>
+
+#include "../../cli/scene.h"
+#include "fuzz.h"
+
+// The child may leak, since it ends; a fuzzer may not. Runs on small inputs only.
+static void unpack(const uint8_t *data, size_t size) {
+    char *bytes = malloc(size + 1);
+    fuzz_assert(bytes != NULL);
+    memcpy(bytes, data, size);
+    size_t unpacked = size;
+    char *result = scene_unpack_glb(bytes, &unpacked);
+    fuzz_assert(result != NULL && (result == bytes ? unpacked == size : unpacked >= 28));
+    if (result != bytes) {
+        free(result);
+    }
+    free(bytes);
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
+    if (size == 0) {
+        return 0;
+    }
+    if (data[0] % 2 != 0) {
+        unpack(data + 1, size - 1);
+        return 0;
+    }
+    pc_context *context = fuzz_context();
+    char *buffer = malloc(size);
+    scene_data scene;
+    fuzz_assert(buffer != NULL);
+    memcpy(buffer, data + 1, size - 1);
+    if (scene_open(buffer, size - 1, &scene) == NULL) {
+        uint8_t *chosen = calloc(scene.header.part_count + 1, 1);
+        char names[256];
+        pc_visual visual = {0};
+        pc_character character = {0};
+        fuzz_assert(chosen != NULL);
+        (void)scene_select(&scene, NULL, 0, chosen);
+        scene_names(&scene, names, sizeof(names));
+        if (scene_visual(&scene, chosen, context, &visual, NULL) == PC_OK) {
+            memset(chosen, 0, scene.header.part_count);
+            (void)scene_character(&scene, chosen, context, &character);
+        }
+        pc_character_free(context, &character);
+        pc_visual_free(context, &visual);
+        free(chosen);
+    }
+    scene_free(&scene);
+    return 0;
+}

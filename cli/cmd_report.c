@@ -244,13 +244,15 @@ static bool put_fields(const page_writer *w) {
 // ---- the page -----------------------------------------------------------------------------------
 
 static page_kind kind_of(const cJSON *json) {
-    if (cJSON_HasObjectItem(json, "stage_count") && cJSON_HasObjectItem(json, "stages")) {
+    if (cJSON_HasObjectItem(json, "stage_count") &&
+        cJSON_IsObject(cJSON_GetObjectItem(json, "stages"))) {
         return KIND_REPORT;
     }
     if (cJSON_HasObjectItem(json, "outcome") && cJSON_HasObjectItem(json, "id")) {
         return KIND_RECORD;
     }
-    return cJSON_HasObjectItem(json, "garments") && cJSON_HasObjectItem(json, "counts")
+    return cJSON_IsArray(cJSON_GetObjectItem(json, "garments")) &&
+                   cJSON_HasObjectItem(json, "counts")
                ? KIND_BATCH
                : KIND_COUNT;
 }

@@ -32,7 +32,7 @@ extern "C" {
 ///       vertices       two per spring
 ///       rest_lengths   one per spring, in the unit of the file
 ///       stiffness      share of the difference that a whole step takes away, 0..1
-///     simulation       pc_simulate_options by name; garment_size is the diagonal in metres to which
+///     simulation       pc_simulate_options by name; garment_size: the diagonal in metres to which
 ///                      the proxy is scaled while it is simulated, 0 where it is not
 /// - With `skin.body_blend` or `skin.body_channel` (body.h): the character's joints too, behind the
 ///   proxy's in the skin, with their names and their tree under the same root. Weights are the
@@ -51,9 +51,9 @@ PC_NODISCARD pc_status pc_export_obj(pc_context *context, const pc_mesh *mesh, c
 
 /// Writes the report of the stages done as JSON. Keys: schema (1), versions, name, stage_count,
 /// visual.report, stages.STAGE.options and .report, warnings (stage, field, count, message), label
-/// (outcome, objective, bound, gap), measures, histograms.SHAPE (maximum, counts; the triangles of the
-/// proxy, see pc_evaluate_shape), losses.before and .after (total, rigid, collision, attachment),
-/// timings (seconds per stage and total). Only `timings` differs between two runs on
+/// (outcome, objective, bound, gap), measures, histograms.SHAPE (maximum, counts; the triangles of
+/// the proxy, see pc_evaluate_shape), losses.before and .after (total, rigid, collision,
+/// attachment), timings (seconds per stage and total). Only `timings` differs between two runs on
 /// the same input. Numbers that are not finite are null.
 /// @param[in] measures  NULL: no measures.
 /// @param[in] timings   NULL: no seconds.

@@ -16,9 +16,11 @@ static uint64_t spread_bits(uint64_t x) {
 
 bool pci_sort_points(pci_scratch *scratch, size_t count, const double *positions,
                      uint32_t **order) {
-    uint64_t *keys = PCI_SCRATCH(scratch, uint64_t, count);
+    pci_scratch local = pci_scratch_begin(scratch->context);
+    uint64_t *keys = PCI_SCRATCH(&local, uint64_t, count);
     *order = PCI_SCRATCH(scratch, uint32_t, count);
-    if (scratch->failed) {
+    if (scratch->failed || local.failed) {
+        pci_scratch_end(&local);
         return false;
     }
     const pc_mesh points = {.vertex_count = count, .positions = (double *)(uintptr_t)positions};
@@ -40,6 +42,7 @@ bool pci_sort_points(pci_scratch *scratch, size_t count, const double *positions
     for (size_t i = 0; i < count; ++i) {
         (*order)[i] = (uint32_t)keys[i];
     }
+    pci_scratch_end(&local);
     return true;
 }
 

@@ -207,6 +207,9 @@ bool pci_skin_alternation_weigh(pci_scratch *scratch, pci_skin_alternation *a,
     for (size_t v = 0; v < p->vertex_count; ++v) {
         a->follow[v] = follow_norm > 0.0 ? lambda_follow / (follow_norm * factor) : 0.0;
     }
+    if (a->quadratic.offsets != NULL) {
+        return pci_skin_quadratic_weigh(scratch, p, a->scale, a->follow, &a->quadratic);
+    }
     return pci_skin_quadratic_build(scratch, p, a->scale, a->follow, a->levels[PCI_SKIN_ALL].gram,
                                     a->allowed, &a->quadratic);
 }

@@ -26,6 +26,27 @@ static void find_near(void *user, size_t begin, size_t end, uint32_t worker) {
     }
 }
 
+// Of the topology only the rings are kept.
+static bool find_rings(pci_scratch *scratch, const pc_mesh *surface, pci_skin_problem *problem) {
+    const size_t nv = surface->vertex_count;
+    pci_scratch local = pci_scratch_begin(scratch->context);
+    pci_topology topology;
+    bool good = pci_topology_build(&local, surface, &topology);
+    if (good) {
+        size_t *offsets = PCI_SCRATCH(scratch, size_t, nv + 1);
+        uint32_t *ring = PCI_SCRATCH(scratch, uint32_t, topology.ring_offsets[nv]);
+        good = !scratch->failed;
+        if (good) {
+            memcpy(offsets, topology.ring_offsets, (nv + 1) * sizeof(*offsets));
+            memcpy(ring, topology.ring, topology.ring_offsets[nv] * sizeof(*ring));
+        }
+        problem->ring_offsets = offsets;
+        problem->ring = ring;
+    }
+    pci_scratch_end(&local);
+    return good;
+}
+
 bool pci_skin_problem_build(pci_scratch *scratch, const pc_mesh *surface, uint32_t neighbours,
                             pci_skin_problem *problem) {
     const size_t nv = surface->vertex_count;
@@ -34,22 +55,24 @@ bool pci_skin_problem_build(pci_scratch *scratch, const pc_mesh *surface, uint32
     problem->rest = surface->positions;
     problem->near_count = nv - 1 < neighbours ? (uint32_t)(nv - 1) : neighbours;
     const size_t k = problem->near_count;
-    pci_topology topology;
-    pci_knn knn;
-    uint32_t *order = NULL;
-    uint32_t *near = PCI_SCRATCH(scratch, uint32_t, k * nv);
-    double *distances = PCI_SCRATCH(scratch, double, k *nv);
-    double *weights = PCI_SCRATCH(scratch, double, k *nv);
-    if (scratch->failed || !pci_topology_build(scratch, surface, &topology) ||
-        !pci_knn_build(scratch, nv, surface->positions, &knn) ||
+    uint32_t *order = NULL, *near = PCI_SCRATCH(scratch, uint32_t, k * nv);
+    double *weights = PCI_SCRATCH(scratch, double, k *nv); // distances at first
+    if (scratch->failed || !find_rings(scratch, surface, problem) ||
         !pci_sort_points(scratch, nv, surface->positions, &order)) {
         return false;
     }
+    pci_scratch local = pci_scratch_begin(scratch->context);
+    pci_knn knn;
+    const bool built = pci_knn_build(&local, nv, surface->positions, &knn);
+    if (built) {
+        near_job job = {.knn = &knn, .problem = problem, .near = near, .distances = weights};
+        pci_parallel_for(scratch->context, nv, 256, find_near, &job);
+    }
+    pci_scratch_end(&local);
+    if (!built) {
+        return false;
+    }
     problem->order = order;
-    near_job job = {.knn = &knn, .problem = problem, .near = near, .distances = distances};
-    pci_parallel_for(scratch->context, nv, 256, find_near, &job);
-    problem->ring_offsets = topology.ring_offsets;
-    problem->ring = topology.ring;
     problem->near = near;
     problem->near_weights = weights;
 
@@ -58,18 +81,18 @@ bool pci_skin_problem_build(pci_scratch *scratch, const pc_mesh *surface, uint32
     for (size_t v = 0; v < nv; ++v) {
         double sum = 0.0, mean = 0.0;
         for (size_t e = k * v; e < k * v + k; ++e) {
-            weights[e] = 1.0 / (distances[e] + epsilon);
+            mean += weights[e] / (double)k;
+            problem->norms[1] += weights[e] * weights[e];
+            weights[e] = 1.0 / (weights[e] + epsilon);
             sum += weights[e];
-            mean += distances[e] / (double)k;
-            problem->norms[1] += distances[e] * distances[e];
         }
         for (size_t e = k * v; e < k * v + k; ++e) {
             weights[e] /= sum;
         }
         problem->norms[2] += mean * mean;
-        for (size_t e = topology.ring_offsets[v]; e < topology.ring_offsets[v + 1]; ++e) {
+        for (size_t e = problem->ring_offsets[v]; e < problem->ring_offsets[v + 1]; ++e) {
             problem->norms[0] += pci_squared_distance(
-                &surface->positions[3 * v], &surface->positions[3 * (size_t)topology.ring[e]]);
+                &surface->positions[3 * v], &surface->positions[3 * (size_t)problem->ring[e]]);
         }
     }
     return true;

@@ -88,39 +88,44 @@ static void build_row(const pci_skin_problem *p, const incoming_lists *in, const
     }
 }
 
-static bool build_matrix(pci_scratch *scratch, const pci_skin_problem *p, const double scale[4],
-                         const double *diagonal, pci_skin_quadratic *q) {
+// Visits all rows: counts the entries of each, or, where `q` has columns, fills them.
+static bool visit_rows(pci_scratch *scratch, const pci_skin_problem *p, const double scale[4],
+                       const double *diagonal, pci_skin_quadratic *q) {
     const size_t nv = p->vertex_count;
-    row_builder b = {.values = PCI_SCRATCH(scratch, double, nv),
-                     .marks = PCI_SCRATCH(scratch, uint32_t, nv),
-                     .columns = PCI_SCRATCH(scratch, uint32_t, nv)};
+    pci_scratch local = pci_scratch_begin(scratch->context);
+    row_builder b = {.values = PCI_SCRATCH(&local, double, nv),
+                     .marks = PCI_SCRATCH(&local, uint32_t, nv),
+                     .columns = PCI_SCRATCH(&local, uint32_t, nv)};
     incoming_lists in;
-    size_t capacity = 0, count = 0;
-    uint32_t *columns = NULL;
-    double *values = NULL;
-    size_t value_capacity = 0;
-    q->offsets = PCI_SCRATCH(scratch, size_t, nv + 1);
-    if (scratch->failed || !build_incoming(scratch, p, &in)) {
-        return false;
-    }
-    for (uint32_t i = 0; i < nv; ++i) {
+    const bool good = !local.failed && build_incoming(&local, p, &in);
+    for (uint32_t i = 0; i < nv && good; ++i) {
         build_row(p, &in, scale, i, &b);
         b.values[i] += diagonal[i];
-        if (!pci_scratch_reserve(scratch, (void **)&columns, &capacity, count + b.count,
-                                 sizeof(*columns)) ||
-            !pci_scratch_reserve(scratch, (void **)&values, &value_capacity, count + b.count,
-                                 sizeof(*values))) {
-            return false;
+        for (size_t k = 0; k < b.count && q->columns != NULL; ++k) {
+            q->columns[q->offsets[i] + k] = b.columns[k];
+            q->values[q->offsets[i] + k] = 2.0 * b.values[b.columns[k]];
         }
-        for (size_t k = 0; k < b.count; ++k) {
-            columns[count] = b.columns[k];
-            values[count++] = 2.0 * b.values[b.columns[k]];
-        }
-        q->offsets[i + 1] = count;
+        q->offsets[i + 1] = q->offsets[i] + b.count;
     }
-    q->columns = columns;
-    q->values = values;
-    return true;
+    pci_scratch_end(&local);
+    return good;
+}
+
+static bool build_matrix(pci_scratch *scratch, const pci_skin_problem *p, const double scale[4],
+                         const double *diagonal, pci_skin_quadratic *q) {
+    q->offsets = PCI_SCRATCH(scratch, size_t, p->vertex_count + 1);
+    if (scratch->failed || !visit_rows(scratch, p, scale, diagonal, q)) {
+        return false;
+    }
+    q->columns = PCI_SCRATCH(scratch, uint32_t, q->offsets[p->vertex_count]);
+    q->values = PCI_SCRATCH(scratch, double, q->offsets[p->vertex_count]);
+    return !scratch->failed && visit_rows(scratch, p, scale, diagonal, q);
+}
+
+bool pci_skin_quadratic_weigh(pci_scratch *scratch, const pci_skin_problem *problem,
+                              const double scale[4], const double *diagonal,
+                              pci_skin_quadratic *q) {
+    return visit_rows(scratch, problem, scale, diagonal, q);
 }
 
 // ---- groups and colours -------------------------------------------------------------------------
@@ -184,8 +189,14 @@ static bool colour_groups(pci_scratch *scratch, pci_skin_quadratic *q) {
 // Room for the largest group, for each thread.
 static bool build_loaded(pci_scratch *scratch, pci_skin_quadratic *q) {
     const uint32_t threads = pc_context_threads(scratch->context);
-    uint32_t *marks = PCI_SCRATCH(scratch, uint32_t, q->vertex_count);
     q->loaded = PCI_SCRATCH(scratch, pci_skin_group, threads);
+    if (scratch->failed) {
+        return false;
+    }
+    for (uint32_t i = 0; i < threads; ++i) {
+        q->loaded[i].row_numbers = PCI_SCRATCH(scratch, uint32_t, q->vertex_count);
+    }
+    uint32_t *marks = q->loaded[0].row_numbers;
     if (scratch->failed) {
         return false;
     }
@@ -201,10 +212,10 @@ static bool build_loaded(pci_scratch *scratch, pci_skin_quadratic *q) {
         }
         rows = count > rows ? count : rows;
     }
+    memset(marks, 0, q->vertex_count * sizeof(*marks));
     const size_t most = rows * q->slots < q->proxy_count ? rows * q->slots : q->proxy_count;
     for (uint32_t i = 0; i < threads; ++i) {
         pci_skin_group *g = &q->loaded[i];
-        g->row_numbers = PCI_SCRATCH(scratch, uint32_t, q->vertex_count);
         g->bone_numbers = PCI_SCRATCH(scratch, uint32_t, q->proxy_count);
         g->vertices = PCI_SCRATCH(scratch, uint32_t, rows);
         g->row_offsets = PCI_SCRATCH(scratch, uint32_t, rows + 1);

@@ -49,6 +49,11 @@ bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *prob
                               const double scale[4], const double *diagonal, const double *gram,
                               const uint32_t *allowed, pci_skin_quadratic *quadratic);
 
+// Other factors of the losses. False: out of memory.
+bool pci_skin_quadratic_weigh(pci_scratch *scratch, const pci_skin_problem *problem,
+                              const double scale[4], const double *diagonal,
+                              pci_skin_quadratic *quadratic);
+
 // One Gauss-Seidel sweep over all vertices, each minimised exactly over the simplex.
 // @param[in]     reference, gradient  W0 and g0.
 // @param[in,out] weights              W.

@@ -70,7 +70,7 @@ static int advance(garment *g, const double *pins) {
                                      .normals = g->buffer + 3,
                                      .normal_stride = FLOATS * sizeof(float)};
     pc_deform_pose(g->deformer, g->proxy, 0, g->pose);
-    pc_deform(g->deformer, g->pose, 0, g->vertices / 2, &output); /* one job */
+    pc_deform(g->deformer, g->pose, 0, g->vertices / 2, &output);           /* one job */
     pc_deform(g->deformer, g->pose, g->vertices / 2, g->vertices, &output); /* another one */
     return 0;
 }

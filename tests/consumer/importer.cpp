@@ -1,5 +1,5 @@
-// The importer of importer.c in C++: an asset file is loaded, stepped and deformed every frame, with
-// owners that clean up, and an allocator, a log and a progress callback of the engine's.
+// The importer of importer.c in C++: an asset file is loaded, stepped and deformed every frame,
+// with owners that clean up, and an allocator, a log and a progress callback of the engine's.
 //
 //     importer ASSET.h5
 #include <cmath>
@@ -58,8 +58,8 @@ class Garment {
             joints_[k] = static_cast<float>(positions[k]);
         }
         pc_deform_pose(deformer_, joints_.data(), 0, pose_.data());
-        const pc_deform_output output = {vertices_[0].position, sizeof(Vertex),
-                                         vertices_[0].normal, sizeof(Vertex)};
+        const pc_deform_output output = {vertices_[0].position, sizeof(Vertex), vertices_[0].normal,
+                                         sizeof(Vertex)};
         pc_deform(deformer_, pose_.data(), 0, vertices_.size(), &output);
         return vertices_;
     }

@@ -1,5 +1,5 @@
 // assimp 5.2 takes the integers of animation keys for floats. This rewrites a GLB file in memory so
-// that they are floats. Runs in the import child and frees nothing.
+// that they are floats.
 #include "scene.h"
 
 #include <math.h>
@@ -75,9 +75,11 @@ static bool unpack_accessor(cJSON *root, cJSON *accessor, glb_file *file) {
         (count / parts - 1) * stride + size * parts > file->binary_size - begin) {
         return false;
     }
-    file->added = realloc(file->added, (file->added_count + count) * sizeof(float));
+    float *grown = realloc(file->added, (file->added_count + count) * sizeof(float));
     cJSON *added = cJSON_CreateObject();
-    if (file->added == NULL || added == NULL) {
+    file->added = grown != NULL ? grown : file->added;
+    if (grown == NULL || added == NULL) {
+        cJSON_Delete(added);
         return false;
     }
     for (size_t i = 0; i < count; ++i) {
@@ -134,6 +136,8 @@ static char *pack(const char *text, const glb_file *file, size_t *size) {
     unsigned char *bytes = total < UINT32_MAX ? calloc(total, 1) : NULL;
     unsigned char *binary = calloc(binary_size, 1);
     if (bytes == NULL || binary == NULL) {
+        free(bytes);
+        free(binary);
         return NULL;
     }
     memcpy(binary, file->binary, file->binary_size);
@@ -142,6 +146,7 @@ static char *pack(const char *text, const glb_file *file, size_t *size) {
     memcpy(bytes, header, sizeof(header));
     unsigned char *next = put_chunk(bytes + 12, "JSON", text, text_size, text_padded, ' ');
     put_chunk(next, "BIN\0", binary, binary_size, binary_size, '\0');
+    free(binary);
     *size = total;
     return (char *)bytes;
 }
@@ -161,18 +166,18 @@ char *scene_unpack_glb(char *bytes, size_t *size) {
     }
     glb_file file = {.binary = (const unsigned char *)bytes + 28 + json_size,
                      .binary_size = binary_size};
+    char *packed = NULL;
     cJSON *root = cJSON_ParseWithLength(bytes + 20, json_size);
-    if (root == NULL || !unpack_animations(root, &file)) {
-        return bytes;
-    }
     cJSON *buffer = cJSON_GetArrayItem(cJSON_GetObjectItemCaseSensitive(root, "buffers"), 0);
     cJSON *length = cJSON_GetObjectItemCaseSensitive(buffer, "byteLength");
-    if (length == NULL) {
-        return bytes;
+    if (length != NULL && unpack_animations(root, &file)) {
+        cJSON_SetNumberValue(
+            length, (double)((file.binary_size + 3) / 4 * 4 + file.added_count * sizeof(float)));
+        char *text = cJSON_PrintUnformatted(root);
+        packed = text != NULL ? pack(text, &file, size) : NULL;
+        cJSON_free(text);
     }
-    cJSON_SetNumberValue(
-        length, (double)((file.binary_size + 3) / 4 * 4 + file.added_count * sizeof(float)));
-    char *text = cJSON_PrintUnformatted(root);
-    char *packed = text != NULL ? pack(text, &file, size) : NULL;
+    cJSON_Delete(root);
+    free(file.added);
     return packed != NULL ? packed : bytes;
 }

@@ -464,7 +464,9 @@ static bool search(pci_cycle_search *s, const uint8_t *labels, float limit, uint
                              s->root_count * LONGEST, sizeof(*s->cycles))) {
         return false;
     }
-    pci_parallel_for(scratch->context, s->root_count, GRAIN, find_cycles, s);
+    if (!pci_parallel_while_wanted(scratch->context, s->root_count, GRAIN, find_cycles, s)) {
+        return false;
+    }
     size_t count = drop_empty(s, s->root_count);
     uint32_t edges[LONGEST];
     for (uint32_t e = 0; e < graph->edge_count && limit >= 0.0F; ++e) {
@@ -515,8 +517,8 @@ static bool search_paths(pci_cycle_search *s, const uint8_t *labels, uint32_t ro
     for (size_t begin = 0; begin < count; begin += BATCH) {
         const size_t size = count - begin < BATCH ? count - begin : BATCH;
         s->batch = &s->violated[begin];
-        pci_parallel_for(scratch->context, size, GRAIN / 4, find_paths, s);
-        if (!add_found(s, drop_empty(s, size), size, added)) {
+        if (!pci_parallel_while_wanted(scratch->context, size, GRAIN / 4, find_paths, s) ||
+            !add_found(s, drop_empty(s, size), size, added)) {
             return false;
         }
         for (size_t e = 0; e < m; ++e) {

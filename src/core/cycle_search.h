@@ -39,7 +39,7 @@ bool pci_cycle_search_create(pci_scratch *scratch, pci_cycle_program *program,
 
 // Adds violated cycles to the program. `labels` are some good labels: each negative cycle has an
 // edge whose wish they do not grant, so the searches start there. `round` varies the trees. Adds
-// the number of visited arcs to `work`. False: out of memory.
+// the number of visited arcs to `work`. False: out of memory or cancelled.
 bool pci_cycle_search_run(pci_cycle_search *search, const uint8_t *labels, uint32_t round,
                           size_t *added, uint64_t *work);
 

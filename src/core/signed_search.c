@@ -51,7 +51,8 @@ static void descend(search *s) {
     }
 }
 
-static void anneal(search *s, uint64_t run) {
+// False: cancelled.
+static bool anneal(pc_context *context, search *s, uint64_t run) {
     const size_t n = s->graph->vertex_count;
     double mean = 0.0;
     for (size_t e = 0; e < s->graph->edge_count; ++e) {
@@ -60,6 +61,9 @@ static void anneal(search *s, uint64_t run) {
     for (uint32_t sweep = 0; sweep < SWEEPS; ++sweep) {
         const double t = (double)sweep / (SWEEPS - 1);
         const double temperature = mean * HOT * pow(COLD / HOT, t);
+        if (!pci_keep_going(context)) {
+            return false;
+        }
         for (uint32_t v = 1; v < n; ++v) {
             const double gain = (double)s->gains[v];
             if (gain >= 0.0 || (gain > -20.0 * temperature &&
@@ -69,6 +73,7 @@ static void anneal(search *s, uint64_t run) {
         }
     }
     descend(s);
+    return true;
 }
 
 typedef struct ranked_edge {
@@ -186,16 +191,16 @@ bool pci_signed_search(pc_context *context, const pci_signed_graph *graph, const
     s.gains = PCI_SCRATCH(&scratch, int64_t, n);
     uint32_t *queue = PCI_SCRATCH(&scratch, uint32_t, n);
     uint8_t *state = PCI_SCRATCH(&scratch, uint8_t, n);
-    const bool ok = !scratch.failed && pci_signed_graph_rows(&scratch, graph, &s.rows) &&
-                    spanning_tree(&scratch, &s, keys);
+    bool ok = !scratch.failed && pci_signed_graph_rows(&scratch, graph, &s.rows) &&
+              spanning_tree(&scratch, &s, keys);
     if (ok) {
         reset(&s);
         descend(&s);
         fuse(&s, queue, state, labels);
         memcpy(s.labels, labels, n);
-        for (uint32_t run = 0; run < runs; ++run) {
+        for (uint32_t run = 0; run < runs && ok; ++run) {
             reset(&s);
-            anneal(&s, run);
+            ok = anneal(context, &s, run);
             fuse(&s, queue, state, labels);
         }
     }

@@ -5,7 +5,6 @@
 #include "../../cli/scene.h"
 #include "fuzz.h"
 
-// The child may leak, since it ends; a fuzzer may not. Runs on small inputs only.
 static void unpack(const uint8_t *data, size_t size) {
     char *bytes = malloc(size + 1);
     fuzz_assert(bytes != NULL);

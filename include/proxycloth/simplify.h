@@ -13,7 +13,7 @@
 /// - Vertices leave the centroids: they slide and edges flip towards even triangles, border
 ///   vertices stay on the border and its corners, then the faces are fitted to the single layer
 ///   and it to them, with weight on the largest distances.
-/// - Triangles with an angle below 30 degrees are treated one by one: their vertices search better
+/// - Triangles with an angle below 36 degrees are treated one by one: their vertices search better
 ///   places, edges collapse or split, and the vertex count is balanced elsewhere. So sleeves stay
 ///   tubes of at least three edges around, and straps become strips one triangle wide. What is
 ///   narrower still is widened, by at most .7 edge lengths.
@@ -26,6 +26,12 @@
 /// vertices stays. Wanted lengths grow by at most 0.3 per unit of way, so that sizes pass smoothly
 /// into each other, and what narrow parts need is a lower limit. Alpha suits well: engines ignore
 /// it on opaque materials.
+///
+/// Method `joint` is the paper's comparison in section 5.2 (figure 16, top) and there to repeat it
+/// on any garment, not to make proxies: quadric edge collapses (Garland and Heckbert 1997) whose
+/// energy counts the visual vertices that follow the proxy in poses of the paper's wind, with
+/// weights of equation (7) in the loop. It gives uneven triangles, as the paper says. Of the other
+/// options only `vertices` and `seed` count for it. The postconditions hold.
 ///
 /// Input that is not manifold is repaired first. Postconditions: manifold with boundary,
 /// consistently oriented, three different vertices per triangle, no unused vertex. `shortfall` says
@@ -56,8 +62,14 @@ typedef enum pc_density_channel {
     PC_DENSITY_ALPHA
 } pc_density_channel;
 
+typedef enum pc_simplify_method {
+    PC_SIMPLIFY_CLUSTERS = 0, ///< centroidal Voronoi diagram, then contraction and fit
+    PC_SIMPLIFY_JOINT = 1     ///< edge collapses with weights in the loop, for comparison
+} pc_simplify_method;
+
 typedef struct pc_simplify_options {
     uint32_t vertices;              ///< N_p
+    uint32_t method;                ///< pc_simplify_method
     double narrow_refinement;       ///< longest over shortest edges; 1 is the paper's uniform mesh
     uint32_t density_channel;       ///< pc_density_channel
     double density_range;           ///< longest over shortest edges by the density map
@@ -83,11 +95,13 @@ typedef struct pc_simplify_report {
 extern const pc_record pc_simplify_options_record;
 extern const pc_record pc_simplify_report_record;
 
-/// @param[in]  visual        its vertex colors may hold a density map; NULL: none.
+/// @param[in]  visual        its vertex colors may hold a density map; NULL: none (not for
+/// `joint`).
 /// @param[in]  single_layer  any triangle mesh, as a rule manifold with boundary.
 /// @param[out] proxy         zeroed on entry.
 /// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_OPTIONS; PC_ERROR_TOO_LARGE;
-///         PC_ERROR_NO_PROXY (no triangle, or no area); PC_ERROR_OUT_OF_MEMORY; PC_ERROR_CANCELLED.
+///         PC_ERROR_NO_PROXY (no triangle, or no area); PC_ERROR_OUT_OF_MEMORY; PC_ERROR_CANCELLED;
+///         by `joint` also those of pc_simulate and pc_skin_optimize.
 PC_NODISCARD pc_status pc_simplify(pc_context *context, const pc_visual *visual,
                                    const pc_mesh *single_layer, const pc_simplify_options *options,
                                    pc_mesh *proxy, pc_simplify_report *report);

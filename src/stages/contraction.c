@@ -120,7 +120,7 @@ static void place_vertices(pci_contraction *m, double *nearest, uint32_t *feet) 
     for (uint32_t v = 0; v < nv; ++v) {
         nearest[v] = INFINITY;
         if (m->coarse.outgoing[v] != PC_INVALID_INDEX) {
-            const bool border = pci_is_border_vertex(&m->coarse, v);
+            const bool border = pci_is_border_vertex(&m->coarse, v) && m->arc[v] > 0.0;
             for (size_t k = 0; k < 3; ++k) {
                 m->coarse.positions[3 * (size_t)v + k] =
                     border ? m->curve[3 * (size_t)v + k] / m->arc[v]

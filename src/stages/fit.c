@@ -210,13 +210,49 @@ static void fan_normal(const pci_halfedge *coarse, uint32_t v, double normal[3])
     pci_normalize(normal);
 }
 
+// Where a vertex should be for equilateral triangles on its opposite edges: the mean of their
+// apexes, weighted by what the angles lack. False: all edges are degenerate.
+static bool find_apex(const pci_halfedge *coarse, uint32_t v, double target[3]) {
+    static const double least_weight = 0.01;
+    const double *at = &coarse->positions[3 * (size_t)v];
+    double sum = 0.0;
+    memset(target, 0, 3 * sizeof(*target));
+    PCI_FOR_OUTGOING(coarse, v, h) {
+        const double *b = &coarse->positions[3 * (size_t)pci_target(coarse, h)];
+        const double *c = &coarse->positions[3 * (size_t)coarse->corners[pci_previous(h)]];
+        double along[3], up[3];
+        pci_sub(c, b, along);
+        pci_sub(at, b, up);
+        const double length = pci_norm(along);
+        if (!pci_normalize(along)) {
+            continue;
+        }
+        const double share = pci_dot(up, along);
+        for (size_t k = 0; k < 3; ++k) {
+            up[k] -= share * along[k];
+        }
+        if (!pci_normalize(up)) {
+            continue;
+        }
+        const double w = 1.0 - pci_least_angle(at, b, c) / 60.0 + least_weight;
+        for (size_t k = 0; k < 3; ++k) {
+            target[k] += w * (0.5 * (b[k] + c[k]) + 0.5 * sqrt(3.0) * length * up[k]);
+        }
+        sum += w;
+    }
+    for (size_t k = 0; k < 3; ++k) {
+        target[k] /= sum;
+    }
+    return sum > 0.0;
+}
+
 // The way towards even triangles, along the surface or along the border only.
 static void sliding_step(const pci_relaxation *r, uint32_t v, double step[3]) {
     const pci_halfedge *coarse = r->coarse;
     const double *at = &coarse->positions[3 * (size_t)v];
     double target[3], axis[3];
     memset(step, 0, 3 * sizeof(*step));
-    if (!pci_relax_target(r, v, target)) {
+    if (!find_apex(coarse, v, target)) {
         return;
     }
     pci_sub(target, at, step);
@@ -238,7 +274,7 @@ static void sliding_step(const pci_relaxation *r, uint32_t v, double step[3]) {
 
 // Moves a vertex unless that spoils its triangles.
 static void move_vertex(const fitting *f, uint32_t v, double spacing) {
-    static const double good = 0.75, slide_share = 0.4;
+    static const double good = 0.65, slide_share = 0.3;
     const pci_relaxation *r = f->relaxation;
     double *at = &r->coarse->positions[3 * (size_t)v];
     const double start[3] = {at[0], at[1], at[2]};

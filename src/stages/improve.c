@@ -3,7 +3,7 @@
 #include "core/heap.h"
 
 // Triangles with smaller angles are looked at, in degrees.
-static const double bad_angle = 30.0;
+static const double bad_angle = 36.0;
 // What an operation must gain, in degrees.
 static const double least_gain = 1.0;
 // Cosine between a new triangle and the fine surface at its corners.
@@ -26,23 +26,6 @@ static void facing_of(const pci_relaxation *r, uint32_t a, uint32_t b, uint32_t 
     }
 }
 
-// Least angle in degrees, 0 for a degenerate triangle.
-static double least_angle(const double *a, const double *b, const double *c) {
-    const double squares[3] = {pci_squared_distance(b, c), pci_squared_distance(c, a),
-                               pci_squared_distance(a, b)};
-    double ab[3], ac[3], normal[3];
-    pci_sub(b, a, ab);
-    pci_sub(c, a, ac);
-    pci_cross(ab, ac, normal);
-    const double doubled = pci_norm(normal);
-    const double shortest = fmin(fmin(squares[0], squares[1]), squares[2]);
-    if (!(doubled > 0.0)) {
-        return 0.0;
-    }
-    return atan2(2.0 * doubled, squares[0] + squares[1] + squares[2] - 2.0 * shortest) *
-           57.295779513082320877;
-}
-
 // Cosine between a triangle and the fine surface at its corners.
 static double facing_cosine(const pci_relaxation *r, uint32_t a, uint32_t b, uint32_t c) {
     double ab[3], ac[3], normal[3], facing[3];
@@ -55,7 +38,7 @@ static double facing_cosine(const pci_relaxation *r, uint32_t a, uint32_t b, uin
 
 static double triangle_angle(const pci_relaxation *r, uint32_t t) {
     const uint32_t *corner = &r->coarse->corners[3 * (size_t)t];
-    return least_angle(point_of(r, corner[0]), point_of(r, corner[1]), point_of(r, corner[2]));
+    return pci_least_angle(point_of(r, corner[0]), point_of(r, corner[1]), point_of(r, corner[2]));
 }
 
 pci_fan_shape pci_shape_of_fan(const pci_relaxation *r, uint32_t v) {
@@ -190,7 +173,7 @@ static double open_angle(const pci_relaxation *r, uint32_t v, uint32_t other, do
         if (facing_cosine(r, v, b, c) < least_facing || reach > longest * longest) {
             return -1.0;
         }
-        least = fmin(least, least_angle(point_of(r, v), point_of(r, b), point_of(r, c)));
+        least = fmin(least, pci_least_angle(point_of(r, v), point_of(r, b), point_of(r, c)));
     }
     return least;
 }
@@ -275,8 +258,8 @@ static double split_angle(const improvement *m, uint32_t h) {
     for (size_t s = 0; s < 2 && sides[s] != PC_INVALID_INDEX; ++s) {
         const uint32_t a = pci_origin(coarse, sides[s]), b = pci_target(coarse, sides[s]);
         const uint32_t c = coarse->corners[pci_previous(sides[s])];
-        least = fmin(least, least_angle(point_of(r, a), middle, point_of(r, c)));
-        least = fmin(least, least_angle(middle, point_of(r, b), point_of(r, c)));
+        least = fmin(least, pci_least_angle(point_of(r, a), middle, point_of(r, c)));
+        least = fmin(least, pci_least_angle(middle, point_of(r, b), point_of(r, c)));
     }
     return least;
 }

@@ -13,7 +13,7 @@ typedef struct pci_fan_shape {
 } pci_fan_shape;
 pci_fan_shape pci_shape_of_fan(const pci_relaxation *relaxation, uint32_t vertex);
 
-// Collapses and splits edges around triangles with an angle below 30 degrees where that raises the
+// Collapses and splits edges around triangles with an angle below 36 degrees where that raises the
 // least angle, then others until the number of vertices is what it was. Vertices and triangles are
 // numbered anew without gaps.
 // @param nearby        per fine vertex, a coarse vertex near it; follows the changes

@@ -43,6 +43,22 @@ double pci_relax_quality(const pci_relaxation *r, uint32_t v) {
     return worst;
 }
 
+double pci_least_angle(const double *a, const double *b, const double *c) {
+    const double squares[3] = {pci_squared_distance(b, c), pci_squared_distance(c, a),
+                               pci_squared_distance(a, b)};
+    double ab[3], ac[3], normal[3];
+    pci_sub(b, a, ab);
+    pci_sub(c, a, ac);
+    pci_cross(ab, ac, normal);
+    const double doubled = pci_norm(normal);
+    const double shortest = fmin(fmin(squares[0], squares[1]), squares[2]);
+    if (!(doubled > 0.0)) {
+        return 0.0;
+    }
+    return atan2(2.0 * doubled, squares[0] + squares[1] + squares[2] - 2.0 * shortest) *
+           57.295779513082320877;
+}
+
 // ---- walking on the fine mesh -----------------------------------------------------------------
 
 // Nearest point of the segment from fine vertex a to b.
@@ -183,7 +199,8 @@ bool pci_relax_target(const pci_relaxation *r, uint32_t v, double target[3]) {
     return sum > 0.0;
 }
 
-// Moves the vertex if its worst triangle does not suffer, or stays good.
+// Moves the vertex if its worst triangle gets better, or stays good. From turned over to flat is
+// not better: loops of three vertices would shrink to points.
 static bool slide(pci_relaxation *r, uint32_t v) {
     static const double good = 0.8;
     double start[3], target[3];
@@ -196,7 +213,7 @@ static bool slide(pci_relaxation *r, uint32_t v) {
     for (size_t attempt = 0; attempt < 3; ++attempt) {
         pci_relax_move(r, v, target);
         const double after = pci_relax_quality(r, v);
-        if (after > before || after >= good) {
+        if (after > fmax(before, 0.0) || after >= good) {
             return true;
         }
         r->feet[v] = foot;

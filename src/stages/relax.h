@@ -36,5 +36,7 @@ size_t pci_relax_flip(pci_relaxation *relaxation);
 bool pci_relax_target(const pci_relaxation *relaxation, uint32_t vertex, double target[3]);
 // Worst quality of the triangles at a vertex: 1 equilateral, 0 degenerate, negative turned over.
 double pci_relax_quality(const pci_relaxation *relaxation, uint32_t vertex);
+// Least angle of a triangle in degrees; 0: it has no area.
+double pci_least_angle(const double *a, const double *b, const double *c);
 
 #endif

@@ -118,39 +118,56 @@ static bool measure_components(peeling *p) {
 // ---- skins --------------------------------------------------------------------------------------
 
 typedef struct measured {
+    uint32_t component;
     double thickness, area;
 } measured;
 
 static int compare_measured(const void *left, const void *right) {
     const measured *a = left, *b = right;
+    if (a->component != b->component) {
+        return a->component < b->component ? -1 : 1;
+    }
     if (a->thickness != b->thickness) {
         return a->thickness < b->thickness ? -1 : 1;
     }
     return (a->area > b->area) - (a->area < b->area);
 }
 
-// The usual thickness of a component, by area; HUGE_VAL where it is no shell.
-static double usual_thickness(const peeling *p, uint32_t component, measured *list) {
-    size_t count = 0;
-    double area = 0.0, skin = 0.0;
-    for (size_t t = 0; t < p->mesh->triangle_count; ++t) {
-        if (p->component[t] == component) {
-            const double a = pci_triangle_area(p->mesh, t);
-            area += a;
-            skin += isfinite(p->thickness[t]) ? a : 0.0;
-            list[count++] = (measured){p->thickness[t], a};
-        }
+// The usual thickness of a component, by area; HUGE_VAL where it is no shell. The list rises.
+static double usual_thickness(const peeling *p, const measured *list, size_t count) {
+    double area = 0.0, skin = 0.0, below = 0.0;
+    for (size_t i = 0; i < count; ++i) {
+        area += list[i].area;
+        skin += list[i].thickness < HUGE_VAL ? list[i].area : 0.0;
     }
     if (!(skin > least_skin_share * area)) {
         return HUGE_VAL;
     }
-    qsort(list, count, sizeof(*list), compare_measured);
-    double below = 0.0;
-    size_t i = 0;
-    while (i < count && (below += list[i].area) < 0.5 * skin) {
-        ++i;
+    size_t middle = 0;
+    while ((below += list[middle].area) < 0.5 * skin) {
+        ++middle;
     }
-    return list[i].thickness <= p->thickest ? list[i].thickness : HUGE_VAL;
+    return list[middle].thickness <= p->thickest ? list[middle].thickness : HUGE_VAL;
+}
+
+// Likewise of all components.
+static bool find_usual(const peeling *p, double *usual) {
+    const size_t count = p->mesh->triangle_count;
+    measured *list = PCI_SCRATCH(p->scratch, measured, count);
+    if (list == NULL) {
+        return false;
+    }
+    for (size_t t = 0; t < count; ++t) {
+        list[t] = (measured){p->component[t], p->thickness[t], pci_triangle_area(p->mesh, t)};
+    }
+    qsort(list, count, sizeof(*list), compare_measured);
+    for (size_t first = 0, next; first < count; first = next) {
+        const uint32_t component = list[first].component;
+        for (next = first + 1; next < count && list[next].component == component; ++next) {
+        }
+        usual[component] = usual_thickness(p, &list[first], next - first);
+    }
+    return true;
 }
 
 // Joins neighbours that both belong to a skin, or both to the rim. `in_skin` is #F.
@@ -243,12 +260,8 @@ static bool choose_triangles(peeling *p, uint8_t *keep, double *thickness) {
     double *facing = PCI_SCRATCH(p->scratch, double, triangles);
     double *usual = PCI_SCRATCH(p->scratch, double, p->component_count);
     uint32_t *pairs = PCI_SCRATCH(p->scratch, uint32_t, 2 * p->component_count);
-    measured *list = PCI_SCRATCH(p->scratch, measured, triangles);
-    if (p->scratch->failed) {
+    if (p->scratch->failed || !find_usual(p, usual)) {
         return false;
-    }
-    for (uint32_t i = 0; i < p->component_count; ++i) {
-        usual[i] = p->closed[i] ? usual_thickness(p, i, list) : HUGE_VAL;
     }
     for (size_t t = 0; t < triangles; ++t) {
         const double u = usual[p->component[t]];

@@ -3,6 +3,7 @@
 #include <stdlib.h>
 
 #include "core/core.h"
+#include "core/crossing.h"
 #include "core/halfedge.h"
 #include "core/manifold.h"
 #include "core/topology.h"
@@ -11,6 +12,7 @@
 #include "stages/corners.h"
 #include "stages/fit.h"
 #include "stages/improve.h"
+#include "stages/joint.h"
 #include "stages/sampling.h"
 #include "stages/sizing.h"
 #include "stages/untangle.h"
@@ -18,10 +20,15 @@
 static const char stage[] = "simplify";
 
 static const char *const shortfall_choices[] = {"none", "topology", "budget", NULL};
+static const char *const method_choices[] = {"clusters", "joint", NULL};
 static const char *const channel_choices[] = {"none", "red", "green", "blue", "alpha", NULL};
 static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_simplify_options, vertices, UINT, 128, 4, 65536, "",
                      "N_p: vertices of the proxy mesh"),
+    PCI_FIELD_CHOICE(pc_simplify_options, method, PC_SIMPLIFY_CLUSTERS, PC_SIMPLIFY_JOINT,
+                     method_choices,
+                     "How: clusters, or edge collapses with weights in the loop (joint, the "
+                     "paper's comparison in section 5.2)"),
     PCI_FIELD_OPTION(pc_simplify_options, narrow_refinement, DOUBLE, 1.5, 1.0, 4.0, "",
                      "Edges around narrow or strongly curved parts are up to this factor shorter; "
                      "1: uniform"),
@@ -263,7 +270,8 @@ static pc_status begin_sampling(pci_scratch *scratch, const pc_visual *visual, c
                                 const pc_simplify_options *options, pci_sampling *s,
                                 pc_simplify_report *report) {
     pci_density density = {0};
-    const bool wanted = options->density_channel != PC_DENSITY_NONE;
+    const bool wanted =
+        options->density_channel != PC_DENSITY_NONE && options->method == PC_SIMPLIFY_CLUSTERS;
     const bool mapped = wanted && visual != NULL && visual->colors != NULL;
     report->density_ignored = wanted && !mapped;
     if (mapped) {
@@ -280,6 +288,50 @@ static pc_status begin_sampling(pci_scratch *scratch, const pc_visual *visual, c
     return done ? PC_OK : pci_fail_memory(scratch->context, stage);
 }
 
+static pc_status simplify_by_clusters(pci_scratch *scratch, pci_sampling *s,
+                                      const pc_simplify_options *options, pc_mesh *proxy,
+                                      pc_simplify_report *report) {
+    pc_context *context = scratch->context;
+    uint32_t *cluster = PCI_SCRATCH(scratch, uint32_t, s->mesh.vertex_count);
+    if (cluster == NULL || !cluster_samples(scratch, s, options, cluster, &report->iterations)) {
+        return pci_fail_memory(context, stage);
+    }
+    if (!pci_progress(context, stage, 0.6)) {
+        return pci_fail_cancelled(context, stage);
+    }
+    pci_contraction contraction;
+    pci_halfedge coarse;
+    uint32_t *feet = NULL, *nearby = NULL;
+    if (!pci_contraction_begin(scratch, &s->mesh, s->weights, s->arcs, s->spacing, &contraction)) {
+        return pci_fail_memory(context, stage);
+    }
+    pci_contract_clusters(&contraction, cluster);
+    report->surplus_vertices = contraction.coarse.live_vertices - options->vertices;
+    if (!pci_contract_to(&contraction, options->vertices) ||
+        !pci_contraction_result(&contraction, proxy, &feet, &nearby) ||
+        !pci_halfedge_build(scratch, proxy, &coarse) ||
+        !relax_and_fit(scratch, s, &coarse, feet, nearby, &report->self_intersections)) {
+        return pci_fail_memory(context, stage);
+    }
+    pc_mesh_free(context, proxy); // vertices inside may have become vertices on the border
+    return pci_halfedge_export(&coarse, proxy, NULL) ? PC_OK : pci_fail_memory(context, stage);
+}
+
+static pc_status simplify_jointly(pci_scratch *scratch, const pc_visual *visual, pci_sampling *s,
+                                  const pc_simplify_options *options, pc_mesh *proxy,
+                                  pc_simplify_report *report) {
+    pc_context *context = scratch->context;
+    const pc_status status = pci_joint_decimate(context, stage, &visual->surface, options->vertices,
+                                                options->seed, &s->mesh);
+    if (status != PC_OK) {
+        return status;
+    }
+    if (!pci_halfedge_export(&s->mesh, proxy, NULL)) {
+        return pci_fail_memory(context, stage);
+    }
+    return pci_count_self_intersections(context, stage, proxy, &report->self_intersections);
+}
+
 static pc_status simplify(pci_scratch *scratch, const pc_visual *visual, pc_mesh *layer,
                           const pc_simplify_options *options, pc_mesh *proxy,
                           pc_simplify_report *report) {
@@ -288,7 +340,7 @@ static pc_status simplify(pci_scratch *scratch, const pc_visual *visual, pc_mesh
     if (!drop_unaffordable(scratch, layer, options->vertices, &report->dropped_parts)) {
         return pci_fail_memory(context, stage);
     }
-    const pc_status status = begin_sampling(scratch, visual, layer, options, &s, report);
+    pc_status status = begin_sampling(scratch, visual, layer, options, &s, report);
     if (status != PC_OK) {
         return status;
     }
@@ -299,32 +351,10 @@ static pc_status simplify(pci_scratch *scratch, const pc_visual *visual, pc_mesh
     if (!pci_progress(context, stage, 0.2)) {
         return pci_fail_cancelled(context, stage);
     }
-    uint32_t *cluster = PCI_SCRATCH(scratch, uint32_t, s.mesh.vertex_count);
-    if (cluster == NULL || !cluster_samples(scratch, &s, options, cluster, &report->iterations)) {
-        return pci_fail_memory(context, stage);
-    }
-    if (!pci_progress(context, stage, 0.6)) {
-        return pci_fail_cancelled(context, stage);
-    }
-    pci_contraction contraction;
-    pci_halfedge coarse;
-    uint32_t *feet = NULL, *nearby = NULL;
-    if (!pci_contraction_begin(scratch, &s.mesh, s.weights, s.arcs, s.spacing, &contraction)) {
-        return pci_fail_memory(context, stage);
-    }
-    pci_contract_clusters(&contraction, cluster);
-    report->surplus_vertices = contraction.coarse.live_vertices - options->vertices;
-    if (!pci_contract_to(&contraction, options->vertices) ||
-        !pci_contraction_result(&contraction, proxy, &feet, &nearby) ||
-        !pci_halfedge_build(scratch, proxy, &coarse) ||
-        !relax_and_fit(scratch, &s, &coarse, feet, nearby, &report->self_intersections)) {
-        return pci_fail_memory(context, stage);
-    }
-    pc_mesh_free(context, proxy); // vertices inside may have become vertices on the border
-    if (!pci_halfedge_export(&coarse, proxy, NULL)) {
-        return pci_fail_memory(context, stage);
-    }
-    return measure(scratch, proxy, options->vertices, report);
+    status = options->method == PC_SIMPLIFY_JOINT
+                 ? simplify_jointly(scratch, visual, &s, options, proxy, report)
+                 : simplify_by_clusters(scratch, &s, options, proxy, report);
+    return status == PC_OK ? measure(scratch, proxy, options->vertices, report) : status;
 }
 
 pc_status pc_simplify(pc_context *context, const pc_visual *visual, const pc_mesh *single_layer,
@@ -345,6 +375,10 @@ pc_status pc_simplify(pc_context *context, const pc_visual *visual, const pc_mes
     }
     if (status != PC_OK) {
         return status;
+    }
+    if (chosen.method == PC_SIMPLIFY_JOINT && visual == NULL) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                        "simplify: the method joint needs the visual mesh");
     }
     pci_scratch scratch = pci_scratch_begin(context);
     pc_simplify_report counts = {0};

@@ -156,6 +156,14 @@ run 0 build outfit.obj -o parts2 $quick --parts separate --vertices 24,60 --no-p
 [ "$(cat parts2/outfit.part?.lod60.proxy.obj | grep -c '^v ')" -eq 60 ] || fail "lod60 of parts"
 run 0 build outfit.obj -o whole $quick --parts separate --mesh skirt --no-png
 holds whole "outfit.glb outfit.h5 outfit.json outfit.proxy.obj"
+# Pins of a scenario hold the part where they are; the other one gets its own, with a warning.
+printf '{"pins": [{"box": {"min": [-1, 1.38, -1], "max": [1, 2, 1]}}]}' >pins.json
+run 0 build outfit.obj -o pinned $quick --parts separate --scenario pins.json --no-png
+grep -q 'part1: simulate: pin rules name no vertex' stderr || fail "no warning for the part without pins"
+grep -q 'part2: simulate: pin rules name no vertex' stderr && fail "the scarf is not pinned"
+for part in 1 2; do
+    grep -Eq '"pinned":[^0-9]+[1-9]' pinned/outfit.part$part.json || fail "part $part is not held"
+done
 run 2 build outfit.obj -o refused --parts apart
 run 2 voxelize outfit.obj -o refused.h5 --parts separate
 
@@ -167,6 +175,9 @@ same painted/painted.h5 painted3/painted.h5
 low() { awk '/^v / && $3 < 0.6 { ++n } END { print n + 0 }' "$1"; }
 run 0 build painted.obj -o even $quick --no-png
 [ "$(low painted/painted.proxy.obj)" -gt "$(low even/painted.proxy.obj)" ] || fail "density map"
+# The same from the colors of a GLB.
+run 0 build painted/painted.glb --mesh painted -o gltf $quick --density-channel red --no-png
+[ "$(low gltf/painted.proxy.obj)" -gt "$(low even/painted.proxy.obj)" ] || fail "density map of a GLB"
 run 0 simplify stages.h5 --density-channel red -o ignored.h5
 grep -q 'density channel was ignored' stderr || fail "no warning without vertex colors"
 

@@ -1,51 +1,9 @@
 #include "support/test.h"
 
-#include "core/topology.h"
 #include "stages/density.h"
-#include "support/manifold.h"
 #include "support/memory.h"
+#include "support/proxy_shape.h"
 #include "support/surfaces.h"
-
-typedef struct shape {
-    size_t components, loops;
-    long euler;
-    double angle_mean, angle_worst; // smallest angle per triangle, degrees
-} shape;
-
-// Measures a mesh and checks what every proxy must be: a consistently oriented manifold of proper
-// triangles that uses each of its vertices.
-static shape check_manifold(pc_context *context, const pc_mesh *mesh) {
-    pci_scratch scratch = pci_scratch_begin(context);
-    pci_topology topology;
-    assert_true(pci_topology_build(&scratch, mesh, &topology));
-    assert_manifold(&scratch, mesh, &topology);
-    shape result = {.angle_worst = 180.0};
-    for (size_t t = 0; t < mesh->triangle_count; ++t) {
-        const uint32_t *corner = &mesh->triangles[3 * t];
-        assert_true(corner[0] != corner[1] && corner[1] != corner[2] && corner[2] != corner[0]);
-        double smallest = 180.0;
-        for (size_t c = 0; c < 3; ++c) {
-            double a[3], b[3];
-            const double *at = &mesh->positions[3 * (size_t)corner[c]];
-            assert_true(isfinite(at[0]) && isfinite(at[1]) && isfinite(at[2]));
-            pci_sub(&mesh->positions[3 * (size_t)corner[(c + 1) % 3]], at, a);
-            pci_sub(&mesh->positions[3 * (size_t)corner[(c + 2) % 3]], at, b);
-            const double cosine = pci_dot(a, b) / (pci_norm(a) * pci_norm(b));
-            smallest = fmin(smallest, acos(fmin(fmax(cosine, -1.0), 1.0)) * 57.29577951308232);
-        }
-        result.angle_mean += smallest / (double)mesh->triangle_count;
-        result.angle_worst = fmin(result.angle_worst, smallest);
-    }
-    size_t *offsets = NULL;
-    uint32_t *loops = NULL;
-    uint32_t *component = PCI_SCRATCH(&scratch, uint32_t, mesh->triangle_count);
-    assert_true(pci_boundary_loops(&scratch, mesh, &topology, &result.loops, &offsets, &loops));
-    result.components = pci_triangle_components(&scratch, mesh, &topology, component);
-    result.euler =
-        (long)mesh->vertex_count - (long)topology.edge_count + (long)mesh->triangle_count;
-    pci_scratch_end(&scratch);
-    return result;
-}
 
 // Simplifies and frees the input.
 static pc_mesh simplified(pc_context *context, pc_mesh *mesh, uint32_t vertices,
@@ -295,6 +253,26 @@ static void thin_tubes_stay_tubes(void **state) {
         pc_mesh_free(context, &sheet);
         pc_mesh_free(context, &tube);
     }
+    pc_context_destroy(context);
+}
+
+// A rope without width has no area and a border without length.
+static void a_rope_without_width_is_no_trouble(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh sheet = test_sheet(context, 20, 20, 2.0, 2.0);
+    pc_mesh rope = test_tube(context, 12, 60, 0.0, 2.0);
+    const double offset[3] = {4.0, 0.0, 0.0};
+    pc_mesh both = test_union(context, &sheet, &rope, offset);
+    pc_mesh proxy = simplified(context, &both, 96, NULL);
+    for (size_t i = 0; i < 3 * proxy.vertex_count; ++i) {
+        assert_true(isfinite(proxy.positions[i]));
+    }
+    assert_int_equal(proxy.vertex_count, 96);
+    pc_mesh_free(context, &proxy);
+    pc_mesh_free(context, &both);
+    pc_mesh_free(context, &sheet);
+    pc_mesh_free(context, &rope);
     pc_context_destroy(context);
 }
 
@@ -690,6 +668,7 @@ int main(void) {
         cmocka_unit_test(keeps_a_narrow_strap),
         cmocka_unit_test(ribbons_are_strips_of_good_triangles),
         cmocka_unit_test(thin_tubes_stay_tubes),
+        cmocka_unit_test(a_rope_without_width_is_no_trouble),
         cmocka_unit_test(hems_do_not_shrink),
         cmocka_unit_test(repairs_its_input),
         cmocka_unit_test(is_deterministic),

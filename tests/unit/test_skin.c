@@ -553,6 +553,7 @@ static void beats_the_closest_triangle(void **state) {
         pc_skin_options options;
         pc_record_set_defaults(&pc_skin_options_record, &options);
         options.lambda_follow = 0.0; // the paper's losses alone
+        options.equal_edges = false;
         options.lambda_stretch = 0.0;
         assert_ok(f.context, pc_skin_optimize(f.context, &f.visual, &f.proxy, &train, &options,
                                               &skin, &report));

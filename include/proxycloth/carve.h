@@ -20,9 +20,10 @@
 /// thickness of a shell) of it, and
 /// - at most 2 % of its area sees another sheet within a voxel, or
 /// - it is folded: as much of it sees a back behind it within a voxel as a front before it (up to
-///   5 % of the area, or twice as much; a lining shows backs only), and the labels give another
-///   number of components or loops, or leave 1 % of its vertices more than 2 voxels away. Folds
-///   narrower than about four voxels are flattened then: a coarse proxy would crumple in them.
+///   5 % of the area, or twice as much; a lining shows backs only), 15 % at most, and the labels
+///   give another number of components or loops, or leave 1 % of its vertices more than 2 voxels
+///   away. Folds narrower than about four voxels are flattened then: a coarse proxy would crumple
+///   in them.
 ///
 /// The border of the layer follows the voxels; with `snap_border` it is moved onto the garment's
 /// hems within 1.5 voxels (edges of one triangle with no other cloth in front), and the surface

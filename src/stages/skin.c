@@ -33,7 +33,7 @@ static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_skin_options, lambda_stretch, DOUBLE, 5.0, 0.0, 1000000.0, "",
                      "Weight of L_s, edges that keep their length; alternate only"),
     PCI_FIELD_OPTION(pc_skin_options, rounds, UINT, 32, 0, 100000, "rounds",
-                     "Passes over all frames at most; alternate only"),
+                     "Passes over frames at most, most of them over a sample; alternate only"),
     PCI_FIELD_OPTION(pc_skin_options, round_gain, DOUBLE, 0.001, 0.0, 1.0, "",
                      "Stops when a round gains less than this share of the gain so far; alternate "
                      "only"),
@@ -79,7 +79,7 @@ static const pc_field report_fields[] = {
     PCI_FIELD_REPORT(
         pc_skin_report, spatial_share, DOUBLE, "",
         "Share of lambda_c and lambda_a in the last epochs, below 1 where L_c would cost L_r"),
-    PCI_FIELD_REPORT(pc_skin_report, rounds, COUNT, "", "Passes over all frames, alternate"),
+    PCI_FIELD_REPORT(pc_skin_report, rounds, COUNT, "", "Passes over frames, alternate"),
     PCI_FIELD_REPORT(pc_skin_report, reflections, COUNT, "",
                      "Vertices and frames whose 1-ring is turned inside out"),
     PCI_FIELD_REPORT(pc_skin_report, bones_used, COUNT, "", "Proxy vertices with any weight"),

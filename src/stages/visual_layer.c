@@ -17,6 +17,8 @@ static const double plain_share = 0.02;
 // A lining shows its back to the back of the cloth, everywhere. Where a sheet is folded, backs and
 // fronts meet in turn, so that the two shares are alike.
 static const double most_lined_surplus = 0.05, least_folded_ratio = 0.5;
+// What lies in layers for the most part is wanted as one layer, however it was folded.
+static const double most_folded_share = 0.15;
 // Holes of a shorter way around are no openings, in voxels.
 static const double smallest_opening = 3.0;
 // Thicker shells are solids, in voxels.
@@ -121,9 +123,9 @@ static pci_layering classify(probe *p) {
     if (back + front <= plain_share * area) {
         return PCI_PLAIN;
     }
-    return back - front <= most_lined_surplus * area || front >= least_folded_ratio * back
-               ? PCI_FOLDED
-               : PCI_LAYERED;
+    const bool balanced =
+        back - front <= most_lined_surplus * area || front >= least_folded_ratio * back;
+    return balanced && back <= most_folded_share * area ? PCI_FOLDED : PCI_LAYERED;
 }
 
 static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh *surface,

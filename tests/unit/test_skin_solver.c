@@ -329,6 +329,28 @@ static void reaches_the_loss_of_adamw(void **state) {
     }
 }
 
+// Rounds that see a sample of the frames, and some with all in the end, are as good as rounds that
+// see all.
+static void a_sample_of_the_frames_leads_to_the_same_loss(void **state) {
+    (void)state;
+    solver s;
+    open_solver("dress796", 120, 1, 0.5, &s);
+    const fixture *f = &s.f;
+    double *sampled = calloc(f->count, sizeof(double)), *full = calloc(f->count, sizeof(double));
+    memcpy(sampled, f->weights, f->count * sizeof(double));
+    memcpy(full, f->weights, f->count * sizeof(double));
+    assert_true(s.a.levels[PCI_SKIN_SAMPLE].stride > 1);
+    assert_ok(f->context, pci_skin_alternation_run(&s.a, 32, 0.0, false, 0.0, 1.0, sampled));
+    s.a.levels[PCI_SKIN_SAMPLE].stride = 1; // from now on all frames
+    assert_ok(f->context, pci_skin_alternation_run(&s.a, 32, 0.0, false, 0.0, 1.0, full));
+    const double first = loss_of(f, f->weights), expected = loss_of(f, full);
+    assert_true(expected < 0.8 * first);
+    assert_close(loss_of(f, sampled), expected, 0.005 * expected);
+    free(sampled);
+    free(full);
+    close_solver(&s);
+}
+
 // Where it stops nothing can be gained: no weight can move along the simplex and lower the loss
 // with its rotations, L_f included.
 static void stops_at_a_stationary_point(void **state) {
@@ -500,6 +522,7 @@ int main(void) {
         cmocka_unit_test(groups_of_one_colour_share_nothing),
         cmocka_unit_test(sweeps_reach_the_minimum),
         cmocka_unit_test(reaches_the_loss_of_adamw),
+        cmocka_unit_test(a_sample_of_the_frames_leads_to_the_same_loss),
         cmocka_unit_test(stops_at_a_stationary_point),
         cmocka_unit_test(pruning_beats_cutting),
         cmocka_unit_test(follows_the_proxy),

@@ -19,15 +19,22 @@
 /// length of the proxy's edges), so neither the unit nor the resolution matters; epsilon_z is
 /// 1/1500 of the bounding-box diagonal.
 ///
-/// DEVIATION: the paper's losses are 0 for equal weights everywhere, so they reward less motion.
-/// L_f = sum |u_i(t) - u*_i(t)|^2 mends that, u* the displacement of the closest point of the
-/// proxy; and vertices whose closest point is held follow held vertices only. Both with the default
-/// solver. DEVIATION: the candidates of a vertex are the corners of the closest proxy triangle and
-/// then the nearest proxy vertices, and the first guess is mostly the closest point's barycentric
-/// coordinates: the nearest vertices alone may all lie on another layer.
+/// DEVIATIONS of the default solver:
+/// - The paper's losses are 0 for equal weights everywhere, so they reward less motion.
+///   L_f = sum |u_i(t) - u*_i(t)|^2 mends that, u* the displacement that heat-smoothed weights
+///   (proxycloth/baselines.h) give; lambda_f doubles, twice at most, while the garment moves less
+///   than `least_motion` of what the proxy's closest points do. A vertex whose closest point is
+///   held follows that point exactly.
+/// - Edges count alike whatever their length (`equal_edges`): L_r, L_c and L_s give each edge the
+///   stiffness l^2 / |e|^2, l^2 the mean square. As printed, small triangles cost nothing and
+///   fold, and buttons stretch. The report gives the losses as printed.
+/// - The weights start from the heat-smoothed ones.
+/// DEVIATION: the candidates of a vertex are the corners of the closest proxy triangle, with the
+/// default solver what its heat-smoothed weights follow, and then the nearest proxy vertices: the
+/// nearest alone may all lie on another layer.
 /// DEVIATION: the weights are cut from k_B candidates to K influences in two steps and optimised
-/// again after each; engines take 4 influences, and cutting alone multiplies L_r by about five. The
-/// default solver takes away those that cost least by the second derivatives of the energy.
+/// again after each; cutting alone multiplies L_r by about five. The default solver takes away
+/// those that cost least by the second derivatives of the energy.
 /// DEVIATION: AdamW takes 100 epochs of batches at learning rate 0.005 that falls at the end,
 /// instead of 200 at 0.001: the same loss or less in half the time.
 ///
@@ -93,6 +100,8 @@ typedef struct pc_skin_options {
     double lambda_attachment; ///< lambda_a
     double lambda_follow;     ///< lambda_f, PC_SKIN_ALTERNATE
     double lambda_stretch;    ///< lambda_s, PC_SKIN_ALTERNATE
+    double least_motion;      ///< share of the proxy's motion, PC_SKIN_ALTERNATE
+    bool equal_edges;         ///< edges count alike whatever their length, PC_SKIN_ALTERNATE
     uint32_t rounds;          ///< passes over frames at most, PC_SKIN_ALTERNATE
     double round_gain;        ///< a round gains at least this share, PC_SKIN_ALTERNATE
     uint32_t epochs;          ///< passes over all frames

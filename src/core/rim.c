@@ -4,7 +4,7 @@
 
 #include "core/topology.h"
 
-enum { most_triangles = 2048, edge_grain = 64 };
+enum { most_triangles = 2048, most_candidates = 1 << 16, edge_grain = 64 };
 
 typedef struct ball {
     double centre[3], radius;
@@ -151,6 +151,50 @@ static bool may_be_rim(const pc_mesh *mesh, const pci_topology *topology, size_t
     return pci_dot(normals[0], normals[1]) > -0.5; // -1 where flat
 }
 
+typedef struct cell_point {
+    uint64_t cell, index;
+} cell_point;
+
+static int compare_cells(const void *left, const void *right) {
+    const cell_point *a = left, *b = right;
+    return a->cell != b->cell ? (a->cell > b->cell) - (a->cell < b->cell)
+                              : (a->index > b->index) - (a->index < b->index);
+}
+
+// Keeps the first point in each cube of side `spacing`, so that the edges of a soup, which fill
+// space, cost no more than space holds. False: out of memory.
+static bool thin_out(pci_scratch *scratch, double *points, size_t *count, double spacing) {
+    double least[3] = {INFINITY, INFINITY, INFINITY};
+    cell_point *cells = PCI_SCRATCH(scratch, cell_point, *count);
+    uint8_t *kept = PCI_SCRATCH(scratch, uint8_t, *count);
+    if (scratch->failed) {
+        return false;
+    }
+    for (size_t i = 0; i < 3 * *count; ++i) {
+        least[i % 3] = fmin(least[i % 3], points[i]);
+    }
+    for (size_t i = 0; i < *count; ++i) {
+        uint64_t cell = 0;
+        for (size_t k = 0; k < 3; ++k) {
+            const double steps = (points[3 * i + k] - least[k]) / spacing;
+            cell = cell << 21 | (uint64_t)fmin(steps, (double)((1 << 21) - 1));
+        }
+        cells[i] = (cell_point){cell, i};
+    }
+    qsort(cells, *count, sizeof(*cells), compare_cells);
+    for (size_t i = 0; i < *count; ++i) {
+        kept[cells[i].index] = i == 0 || cells[i].cell != cells[i - 1].cell;
+    }
+    size_t left = 0;
+    for (size_t i = 0; i < *count; ++i) {
+        if (kept[i]) {
+            memmove(&points[3 * left++], &points[3 * i], 3 * sizeof(double));
+        }
+    }
+    *count = left;
+    return true;
+}
+
 typedef struct rim_job {
     const pci_bvh *bvh;
     const pc_mesh *mesh;
@@ -196,8 +240,10 @@ pc_status pci_rim_points(pci_scratch *scratch, const char *stage, const pci_bvh 
             ++candidate_count;
         }
     }
+    const bool thinned = candidate_count <= most_candidates ||
+                         thin_out(scratch, candidates, &candidate_count, spacing);
     uint8_t *on_rim = PCI_SCRATCH(scratch, uint8_t, candidate_count);
-    if (on_rim == NULL) {
+    if (!thinned || on_rim == NULL) {
         return pci_fail_memory(scratch->context, stage);
     }
     rim_job job = {bvh, mesh, radius, candidates, on_rim};

@@ -13,12 +13,12 @@ static const char *const storage_choices[] = {"float", "u16", "u8", NULL};
 static const pc_field option_fields[] = {
     PCI_FIELD_CHOICE(pc_skin_options, solver, PC_SKIN_ALTERNATE, 1, solver_choices,
                      "Optimiser of the weights"),
-    PCI_FIELD_OPTION(pc_skin_options, influences, UINT, 4, 1, 32, "",
+    PCI_FIELD_OPTION(pc_skin_options, influences, UINT, 8, 1, 32, "",
                      "K: influences per visual vertex"),
     PCI_FIELD_OPTION(
-        pc_skin_options, candidates, UINT, 8, 1, 32, "",
+        pc_skin_options, candidates, UINT, 16, 1, 32, "",
         "k_B: proxy vertices considered per visual vertex, corners of the closest triangle "
-        "first, then the nearest; at least K"),
+        "first, then heat-smoothed weights (alternate), then the nearest; at least K"),
     PCI_FIELD_OPTION(pc_skin_options, neighbours, UINT, 8, 1, 32, "",
                      "k_K: spatial neighbours of L_c and L_a"),
     PCI_FIELD_OPTION(pc_skin_options, lambda_rigid, DOUBLE, 1.0, 0.0, 1000000.0, "",
@@ -27,11 +27,17 @@ static const pc_field option_fields[] = {
                      "Weight of L_c"),
     PCI_FIELD_OPTION(pc_skin_options, lambda_attachment, DOUBLE, 0.1, 0.0, 1000000.0, "",
                      "Weight of L_a"),
-    PCI_FIELD_OPTION(pc_skin_options, lambda_follow, DOUBLE, 2.0, 0.0, 1000000.0, "",
+    PCI_FIELD_OPTION(pc_skin_options, lambda_follow, DOUBLE, 0.5, 0.0, 1000000.0, "",
                      "Weight of L_f, following the proxy: more keeps the motion "
                      "of the proxy, less gives smoother shape; alternate only"),
-    PCI_FIELD_OPTION(pc_skin_options, lambda_stretch, DOUBLE, 5.0, 0.0, 1000000.0, "",
+    PCI_FIELD_OPTION(pc_skin_options, lambda_stretch, DOUBLE, 3.0, 0.0, 1000000.0, "",
                      "Weight of L_s, edges that keep their length; alternate only"),
+    PCI_FIELD_OPTION(pc_skin_options, least_motion, DOUBLE, 0.972, 0.0, 1.0, "",
+                     "While the garment moves less than this share of the proxy's motion, "
+                     "lambda_follow is raised; alternate only"),
+    PCI_FIELD_OPTION(pc_skin_options, equal_edges, BOOL, 1, 0, 1, "",
+                     "Edges count alike in L_r, L_c and L_s, not by their squared length as in the "
+                     "paper; alternate only"),
     PCI_FIELD_OPTION(pc_skin_options, rounds, UINT, 32, 0, 100000, "rounds",
                      "Passes over frames at most, most of them over a sample; alternate only"),
     PCI_FIELD_OPTION(pc_skin_options, round_gain, DOUBLE, 0.001, 0.0, 1.0, "",
@@ -184,6 +190,10 @@ static pc_status prepare(pci_scratch *scratch, const pc_mesh *surface, const pc_
     if (!pci_skin_problem_build(scratch, surface, o->neighbours, &f->problem)) {
         return pci_fail_memory(f->context, stage);
     }
+    memcpy(f->paper_norms, f->problem.norms, sizeof(f->paper_norms));
+    if (o->solver == PC_SKIN_ALTERNATE && o->equal_edges) {
+        pci_skin_problem_equalize(&f->problem);
+    }
     f->surface = surface;
     f->proxy = proxy;
     f->pinned = motion->pinned;
@@ -193,12 +203,16 @@ static pc_status prepare(pci_scratch *scratch, const pc_mesh *surface, const pc_
     if (scratch->failed) {
         return pci_fail_memory(f->context, stage);
     }
-    const pc_status status = pci_skin_closest_points(f->context, surface, proxy, f->closest);
+    pc_status status = pci_skin_closest_points(f->context, surface, proxy, f->closest);
+    if (status == PC_OK && o->solver == PC_SKIN_ALTERNATE) {
+        status = pci_skin_follow_proxy(f->context, surface, proxy, &f->followed);
+    }
     if (status != PC_OK) {
         return status;
     }
-    if (!pci_skin_find_candidates(scratch, surface, proxy, f->closest, slots, f->bones,
-                                  f->weights)) {
+    if (!pci_skin_find_candidates(scratch, surface, proxy, f->closest,
+                                  f->followed.weights != NULL ? &f->followed : NULL, slots,
+                                  f->bones, f->weights)) {
         return pci_fail_memory(f->context, stage);
     }
     set_driver(&f->problem, proxy, motion);
@@ -250,7 +264,8 @@ pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface, const pc
     }
     pci_scratch scratch = pci_scratch_begin(context);
     pc_skin_report r = {0};
-    pci_skin_fit f = {.context = context, .options = &chosen, .spatial_share = 1.0};
+    pci_skin_fit f = {
+        .context = context, .options = &chosen, .spatial_share = 1.0, .follow_share = 1.0};
     status = prepare(&scratch, surface, proxy, motion, &f);
     if (status == PC_OK) {
         status = chosen.solver == PC_SKIN_ADAMW ? pci_skin_fit_adamw(&scratch, &f, &r)
@@ -259,6 +274,7 @@ pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface, const pc
     if (status == PC_OK) {
         status = write_result(&scratch, &f, skin, &r);
     }
+    pc_skin_free(context, &f.followed);
     pci_scratch_end(&scratch);
     if (status != PC_OK) {
         pc_skin_free(context, skin);

@@ -11,7 +11,9 @@ enum { PHASES = 3, FOLLOWED_INFLUENCES = 8 };
 static const double phase_ends[PHASES] = {0.4, 0.6, 1.0}; // shares of the epochs or rounds
 static const double rigid_share = 0.7; // more of its L_r left: L_c gets less weight
 
-static const double held_share = 1e-6; // barycentric coordinates below count as 0
+static const double held_share = 1e-6;      // barycentric coordinates below count as 0
+static const double following_factor = 2.0; // of lambda_follow, where the garment moves too little
+enum { MOTION_STRIDE = 8 }; // frames from one in which motion is measured to the next
 
 static void phase_widths(const pci_skin_fit *f, uint32_t widths[PHASES]) {
     const uint32_t slots = f->problem.slots, influences = f->options->influences;
@@ -64,22 +66,24 @@ static pc_status cut(pci_scratch *scratch, pci_skin_fit *f, uint32_t kept) {
 }
 
 // Losses per norm and frame; returns their weighted sum.
-static double normalize_losses(const pci_skin_fit *f, const pci_skin_measures *measures,
-                               double losses[3]) {
-    const pci_skin_problem *p = &f->problem;
+static double normalize_losses(const pci_skin_fit *f, const double norms[3],
+                               const pci_skin_measures *measures, double losses[3]) {
     const double lambda[3] = {f->options->lambda_rigid, f->options->lambda_collision,
                               f->options->lambda_attachment};
     double total = 0.0;
     for (size_t x = 0; x < 3; ++x) {
-        const double norm = p->norms[x] * (double)p->frame_count;
+        const double norm = norms[x] * (double)f->problem.frame_count;
         losses[x] = norm > 0.0 ? measures->losses[x] / norm : 0.0;
         total += lambda[x] * losses[x];
     }
     return total;
 }
 
+// The paper's losses, which the report gives.
 static pc_status measure(pci_scratch *scratch, const pci_skin_fit *f, pci_skin_measures *measures) {
-    const pci_skin_problem *p = &f->problem;
+    pci_skin_problem paper = f->problem;
+    const pci_skin_problem *p = &paper;
+    paper.typical = 0.0;
     double *weights = PCI_SCRATCH(scratch, double, p->vertex_count * p->slots);
     if (weights == NULL) {
         return pci_fail_memory(f->context, stage);
@@ -93,7 +97,7 @@ static pc_status measure(pci_scratch *scratch, const pci_skin_fit *f, pci_skin_m
 static void report_before(const pci_skin_fit *f, const pci_skin_measures *measures,
                           pc_skin_report *r) {
     double losses[3];
-    r->loss_before = normalize_losses(f, measures, losses);
+    r->loss_before = normalize_losses(f, f->paper_norms, measures, losses);
     r->rigid_before = losses[0];
     r->collision_before = losses[1];
     r->attachment_before = losses[2];
@@ -102,7 +106,7 @@ static void report_before(const pci_skin_fit *f, const pci_skin_measures *measur
 static void report_after(const pci_skin_fit *f, const pci_skin_measures *measures,
                          pc_skin_report *r) {
     double losses[3];
-    r->loss_after = normalize_losses(f, measures, losses);
+    r->loss_after = normalize_losses(f, f->paper_norms, measures, losses);
     r->rigid_after = losses[0];
     r->collision_after = losses[1];
     r->attachment_after = losses[2];
@@ -111,17 +115,20 @@ static void report_after(const pci_skin_fit *f, const pci_skin_measures *measure
 
 // Layers that the proxy moves through each other cannot be held together by weights; they must not
 // cost the shape of each layer. So L_c weighs no more than L_r at first, ...
-static bool balance(pci_skin_fit *f, const pc_skin_report *r) {
-    const bool balanced = f->options->lambda_rigid > 0.0 && r->rigid_before > 0.0;
-    if (balanced && r->collision_before > r->rigid_before) {
-        f->spatial_share = r->rigid_before / r->collision_before;
+static void balance(pci_skin_fit *f, const pci_skin_measures *measures) {
+    double losses[3];
+    (void)normalize_losses(f, f->problem.norms, measures, losses);
+    f->rigid_before = f->options->lambda_rigid > 0.0 ? losses[0] : 0.0;
+    if (f->rigid_before > 0.0 && losses[1] > f->rigid_before) {
+        f->spatial_share = f->rigid_before / losses[1];
     }
-    return balanced;
 }
 
 // ... and less where L_r does not fall. True when that changed.
-static bool rebalance(pci_skin_fit *f, const pc_skin_report *r, double rigid) {
-    if (rigid <= rigid_share * r->rigid_before) {
+static bool rebalance(pci_skin_fit *f, const pci_skin_measures *measures) {
+    double losses[3];
+    (void)normalize_losses(f, f->problem.norms, measures, losses);
+    if (losses[0] <= rigid_share * f->rigid_before || f->rigid_before == 0.0) {
         return false;
     }
     f->spatial_share *= 0.25;
@@ -157,7 +164,7 @@ pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *f, pc_skin_repo
     pci_skin_measures measures = {0};
     pc_status status = measure(scratch, f, &measures);
     report_before(f, &measures, r);
-    const bool balanced = balance(f, r);
+    balance(f, &measures);
     for (size_t phase = 0; phase < PHASES && status == PC_OK; ++phase) {
         if (widths[phase] < f->problem.slots) {
             status = cut(scratch, f, widths[phase]);
@@ -168,11 +175,9 @@ pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *f, pc_skin_repo
         if (status == PC_OK && phase + 1 < PHASES) {
             double losses[3];
             status = measure(scratch, f, &measures);
-            const double total = normalize_losses(f, &measures, losses);
+            const double total = normalize_losses(f, f->paper_norms, &measures, losses);
             r->full_loss = phase == 0 ? total : r->full_loss;
-            if (balanced) {
-                (void)rebalance(f, r, losses[0]);
-            }
+            (void)rebalance(f, &measures);
         }
     }
     r->spatial_share = f->spatial_share;
@@ -185,37 +190,92 @@ pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *f, pc_skin_repo
 
 // ---- alternation --------------------------------------------------------------------------------
 
-// A vertex whose closest point is held may only follow held vertices.
+// A vertex whose closest point is held follows that point and nothing else.
 static void hold_pinned(const pci_skin_fit *f, uint32_t *allowed) {
     const uint32_t slots = f->problem.slots;
     for (size_t v = 0; v < f->problem.vertex_count && f->pinned != NULL; ++v) {
         const pci_closest *closest = &f->closest[v];
-        bool held = true, possible = false;
+        const uint32_t *corners = &f->proxy->triangles[3 * (size_t)closest->triangle];
+        bool held = true;
         for (size_t c = 0; c < 3; ++c) {
-            const uint32_t corner = f->proxy->triangles[3 * (size_t)closest->triangle + c];
-            held = held && (closest->barycentric[c] < held_share || f->pinned[corner]);
+            held = held && (closest->barycentric[c] < held_share || f->pinned[corners[c]]);
         }
-        for (uint32_t k = 0; k < slots; ++k) {
-            possible = possible || f->pinned[f->bones[v * slots + k]];
-        }
-        held = held && possible;
         for (uint32_t k = 0; k < slots && held; ++k) {
-            if (!f->pinned[f->bones[v * slots + k]]) {
-                allowed[v] &= ~((uint32_t)1 << k);
-                f->weights[v * slots + k] = 0.0;
+            double *weight = &f->weights[v * slots + k];
+            *weight = 0.0;
+            for (size_t c = 0; c < 3; ++c) {
+                if (corners[c] == f->bones[v * slots + k] &&
+                    closest->barycentric[c] >= held_share) {
+                    *weight = closest->barycentric[c];
+                }
+            }
+            allowed[v] = 0;
+        }
+    }
+}
+
+pc_status pci_skin_follow_proxy(pc_context *context, const pc_mesh *surface, const pc_mesh *proxy,
+                                pc_skin *followed) {
+    const pc_status status =
+        pc_skin_heat_smoothed(context, surface, proxy, FOLLOWED_INFLUENCES, followed);
+    return status == PC_ERROR_NUMERICAL // hardly any area conducts heat
+               ? pc_skin_closest_triangle(context, surface, proxy, followed)
+               : status;
+}
+
+// Starts from what L_f follows: small parts move as one then, which sweeps from vertex to vertex
+// would take long to find.
+static void start_from_followed(pci_skin_fit *f) {
+    const uint32_t slots = f->problem.slots, influences = f->followed.influences;
+    for (size_t v = 0; v < f->problem.vertex_count; ++v) {
+        double *row = &f->weights[v * slots];
+        memset(row, 0, slots * sizeof(*row));
+        for (size_t k = 0; k < slots; ++k) {
+            for (size_t l = v * influences; l < (v + 1) * influences; ++l) {
+                row[k] +=
+                    f->followed.bones[l] == f->bones[v * slots + k] ? f->followed.weights[l] : 0.0;
             }
         }
     }
 }
 
-// The closest points make the garment move as much as its proxy; smoothed, they have no kinks at
-// the proxy's edges that L_r would have to fight.
-static pc_status find_followed(const pci_skin_fit *f, pc_skin *followed) {
-    const pc_status status =
-        pc_skin_heat_smoothed(f->context, f->surface, f->proxy, FOLLOWED_INFLUENCES, followed);
-    return status == PC_ERROR_NUMERICAL // hardly any area conducts heat
-               ? pc_skin_closest_triangle(f->context, f->surface, f->proxy, followed)
-               : status;
+// Length of a vertex's way from rest in one frame.
+static double way(const pci_skin_problem *p, size_t frame, size_t count, const uint32_t *bones,
+                  const double *weights) {
+    const double *positions = &p->frames[3 * p->proxy_count * frame];
+    double u[3] = {0};
+    for (size_t k = 0; k < count; ++k) {
+        for (size_t c = 0; c < 3; ++c) {
+            const size_t at = 3 * (size_t)bones[k] + c;
+            u[c] += weights[k] * (positions[at] - p->proxy_rest[at]);
+        }
+    }
+    return pci_norm(u);
+}
+
+// Motion of the garment over that of its closest points on the proxy, from some of the frames.
+static double motion_ratio(const pci_skin_fit *f) {
+    const pci_skin_problem *p = &f->problem;
+    double moved = 0.0, moved_closest = 0.0;
+    for (size_t t = 0; t < p->frame_count; t += MOTION_STRIDE) {
+        for (size_t v = 0; v < p->vertex_count; ++v) {
+            const pci_closest *closest = &f->closest[v];
+            moved += way(p, t, p->slots, &f->bones[v * p->slots], &f->weights[v * p->slots]);
+            moved_closest += way(p, t, 3, &f->proxy->triangles[3 * (size_t)closest->triangle],
+                                 closest->barycentric);
+        }
+    }
+    return moved_closest > 0.0 ? moved / moved_closest : 1.0;
+}
+
+// The losses are least where nothing moves: L_f counts more while the garment moves too little.
+// True when that changed.
+static bool keep_moving(pci_skin_fit *f) {
+    if (motion_ratio(f) >= f->options->least_motion) {
+        return false;
+    }
+    f->follow_share *= following_factor;
+    return true;
 }
 
 static void normalize_rows(const pci_skin_fit *f) {
@@ -231,7 +291,7 @@ static pc_status weigh(pci_scratch *scratch, const pci_skin_fit *f, pci_skin_alt
     const pc_skin_options *o = f->options;
     const double lambda[4] = {o->lambda_rigid, f->spatial_share * o->lambda_collision,
                               f->spatial_share * o->lambda_attachment, o->lambda_stretch};
-    return pci_skin_alternation_weigh(scratch, a, lambda, o->lambda_follow)
+    return pci_skin_alternation_weigh(scratch, a, lambda, f->follow_share * o->lambda_follow)
                ? PC_OK
                : pci_fail_memory(f->context, stage);
 }
@@ -243,43 +303,35 @@ pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_
     uint32_t widths[PHASES];
     phase_widths(f, widths);
     pci_skin_alternation a;
+    if (!pci_skin_alternation_build(scratch, p, pci_skin_kernel_float(), &a)) {
+        return pci_fail_memory(f->context, stage);
+    }
+    pci_skin_alternation_follow(&a, f->proxy, &f->followed);
     pci_skin_measures measures = {0};
-    pc_skin followed = {0};
-    pc_status status = find_followed(f, &followed);
-    if (status != PC_OK) {
-        return status;
-    }
-    if (pci_skin_alternation_build(scratch, p, pci_skin_kernel_float(), &a)) {
-        pci_skin_alternation_follow(&a, f->proxy, &followed);
-    } else {
-        status = pci_fail_memory(f->context, stage);
-    }
-    pc_skin_free(f->context, &followed);
-    if (status != PC_OK) {
-        return status;
-    }
     normalize_rows(f);
+    pc_status status = measure(scratch, f, &measures);
+    report_before(f, &measures, r);
     if (status == PC_OK) {
         status = pci_skin_alternation_measure(&a, f->weights, &measures);
-        report_before(f, &measures, r);
+        balance(f, &measures);
     }
+    start_from_followed(f);
     hold_pinned(f, a.allowed);
     normalize_rows(f);
-    const bool balanced = balance(f, r);
     if (status == PC_OK) {
         status = weigh(scratch, f, &a);
     }
     for (size_t phase = 0; phase < PHASES && status == PC_OK; ++phase) {
-        if (phase > 0) {
-            // The pass over the frames before slots are taken away also measures.
+        if (phase == 1) {
             double losses[3];
+            status = measure(scratch, f, &measures);
+            r->full_loss = normalize_losses(f, f->paper_norms, &measures, losses);
+        }
+        if (phase > 0 && status == PC_OK) {
+            // The pass over the frames before slots are taken away also measures.
+            const bool still = keep_moving(f);
             status = pci_skin_alternation_prune(&a, widths[phase], f->weights, &measures);
-            if (status != PC_OK) {
-                break;
-            }
-            const double total = normalize_losses(f, &measures, losses);
-            r->full_loss = phase == 1 ? total : r->full_loss;
-            if (balanced && rebalance(f, r, losses[0])) {
+            if (status == PC_OK && (rebalance(f, &measures) || still)) {
                 status = weigh(scratch, f, &a);
             }
         }
@@ -292,7 +344,7 @@ pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_
     r->rounds = a.rounds;
     r->spatial_share = f->spatial_share;
     if (status == PC_OK) {
-        status = pci_skin_alternation_measure(&a, f->weights, &measures);
+        status = measure(scratch, f, &measures);
         report_after(f, &measures, r);
     }
     return status == PC_OK && widths[PHASES - 1] < slots ? cut(scratch, f, widths[PHASES - 1])

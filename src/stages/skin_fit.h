@@ -14,20 +14,29 @@ typedef struct pci_skin_fit {
     const pc_mesh *surface, *proxy;
     const uint8_t *pinned; // of the proxy, or NULL
     pci_skin_problem problem;
-    pci_closest *closest; // #V, points on the proxy
-    uint32_t *bones;      // #V by slots
-    double *weights;      // #V by slots, rows of any sum
-    double spatial_share; // of lambda_c and lambda_a that is used
+    pci_closest *closest;  // #V, points on the proxy
+    pc_skin followed;      // see pci_skin_follow_proxy; empty with AdamW
+    uint32_t *bones;       // #V by slots
+    double *weights;       // #V by slots, rows of any sum
+    double paper_norms[3]; // of the problem before it was equalised
+    double rigid_before;   // L_r of the first guess, or 0 if it does not count
+    double spatial_share;  // of lambda_c and lambda_a that is used
+    double follow_share;   // of lambda_f that is used, 1 or more
 } pci_skin_fit;
 
 // The closest point of the proxy for every visual vertex.
 PC_NODISCARD pc_status pci_skin_closest_points(pc_context *context, const pc_mesh *surface,
                                                const pc_mesh *proxy, pci_closest *closest);
 
-// Candidates and first guess, #V by slots. False: out of memory.
+// What L_f follows: closest points make the garment move as much as its proxy; smoothed, they have
+// no kinks at the proxy's edges that L_r would have to fight.
+PC_NODISCARD pc_status pci_skin_follow_proxy(pc_context *context, const pc_mesh *surface,
+                                             const pc_mesh *proxy, pc_skin *followed);
+
+// Candidates and first guess, #V by slots; `followed` or NULL. False: out of memory.
 bool pci_skin_find_candidates(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *proxy,
-                              const pci_closest *closest, uint32_t slots, uint32_t *bones,
-                              double *weights);
+                              const pci_closest *closest, const pc_skin *followed, uint32_t slots,
+                              uint32_t *bones, double *weights);
 
 // Optimises and cuts to the influences of the result; fills the losses of the report.
 PC_NODISCARD pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *fit,

@@ -36,7 +36,7 @@ typedef struct edge_builder {
     uint32_t *local;  // #V: 1 + local index in the patch in hand, or 0
     uint32_t *places; // #V: 1 + place in K(i) of the vertex i in hand, or 0
     uint32_t *targets;
-    void *vectors, *lengths, *near_weights;
+    void *vectors, *lengths, *stiffness, *near_weights;
     size_t next;
 } edge_builder;
 
@@ -50,12 +50,14 @@ static void add_edge(edge_builder *b, uint32_t i, uint32_t j) {
     const pci_skin_problem *p = b->w->problem;
     const pci_skin_kernel *kernel = b->w->kernel;
     const uint32_t place = b->places[j];
+    const double stiffness = pci_skin_stiffness(p, i, j), factor = stiffness * b->w->unit;
     double e[3];
     pci_sub(&p->rest[3 * (size_t)i], &p->rest[3 * (size_t)j], e);
     for (size_t c = 0; c < 3; ++c) {
-        pci_skin_put(kernel, b->vectors, 3 * b->next + c, b->w->unit * e[c]);
+        pci_skin_put(kernel, b->vectors, 3 * b->next + c, factor * e[c]);
     }
-    pci_skin_put(kernel, b->lengths, b->next, b->w->unit * pci_norm(e));
+    pci_skin_put(kernel, b->lengths, b->next, factor * pci_norm(e));
+    pci_skin_put(kernel, b->stiffness, b->next, stiffness);
     pci_skin_put(kernel, b->near_weights, b->next,
                  place > 0 ? p->near_weights[(size_t)i * p->near_count + place - 1] : 0.0);
     b->targets[b->next++] = b->local[j] - 1;
@@ -100,13 +102,15 @@ static pci_skin_runs add_edges(edge_builder *b, uint32_t i, size_t patch_begin) 
     return runs;
 }
 
-// Adds e e^T of one edge to the constants of a term.
-static void add_product(const double *from, const double *to, double unit, double *constant) {
+// Adds s e e^T of one edge to the constants of a term.
+static void add_product(const pci_skin_frames *w, uint32_t from, uint32_t to, double *constant) {
+    const pci_skin_problem *p = w->problem;
+    const double factor = pci_skin_stiffness(p, from, to) * w->unit;
     double e[3];
-    pci_sub(from, to, e);
+    pci_sub(&p->rest[3 * (size_t)from], &p->rest[3 * (size_t)to], e);
     for (size_t a = 0, at = 0; a < 3; ++a) {
         for (size_t b = a; b < 3; ++b) {
-            constant[at++] += unit * e[a] * (unit * e[b]);
+            constant[at++] += factor * e[a] * (w->unit * e[b]);
         }
     }
 }
@@ -116,11 +120,11 @@ static void fill_constants(const pci_skin_frames *w, uint32_t i, size_t row, voi
     const double *rest = &p->rest[3 * (size_t)i];
     double values[PCI_SKIN_CONSTANTS] = {0}, attached[3] = {rest[0], rest[1], rest[2]};
     for (size_t e = p->ring_offsets[i]; e < p->ring_offsets[i + 1]; ++e) {
-        add_product(rest, &p->rest[3 * (size_t)p->ring[e]], w->unit, &values[PCI_SKIN_RING]);
+        add_product(w, i, p->ring[e], &values[PCI_SKIN_RING]);
     }
     for (size_t e = (size_t)i * p->near_count; e < ((size_t)i + 1) * p->near_count; ++e) {
         const double *target = &p->rest[3 * (size_t)p->near[e]];
-        add_product(rest, target, w->unit, &values[PCI_SKIN_NEAR]);
+        add_product(w, i, p->near[e], &values[PCI_SKIN_NEAR]);
         for (size_t c = 0; c < 3; ++c) {
             attached[c] -= p->near_weights[e] * target[c];
         }
@@ -201,6 +205,7 @@ static bool build_patches(pci_scratch *scratch, pci_skin_frames *w) {
                       .targets = PCI_SCRATCH(scratch, uint32_t, edges),
                       .vectors = pci_skin_reals(scratch, w->kernel, 3 * edges),
                       .lengths = pci_skin_reals(scratch, w->kernel, edges),
+                      .stiffness = pci_skin_reals(scratch, w->kernel, edges),
                       .near_weights = pci_skin_reals(scratch, w->kernel, edges)};
     uint32_t *vertices = NULL;
     size_t capacity = 0, rows = 0, most = 0;
@@ -228,6 +233,7 @@ static bool build_patches(pci_scratch *scratch, pci_skin_frames *w) {
         patch->targets = &b.targets[first_edge];
         patch->vectors = (char *)b.vectors + 3 * first_edge * size;
         patch->lengths = (char *)b.lengths + first_edge * size;
+        patch->stiffness = (char *)b.stiffness + first_edge * size;
         patch->near_weights = (char *)b.near_weights + first_edge * size;
         patch->constants = constants + begin * PCI_SKIN_CONSTANTS * size;
         w->patch_rows[i + 1] = rows;

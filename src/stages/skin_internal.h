@@ -15,6 +15,7 @@ typedef struct pci_skin_problem {
     const uint32_t *near;       // K(i): #V by near_count
     const double *near_weights; // Kw: #V by near_count, rows sum to 1; V - Kw V is K V of (10)
     double norms[3];            // of L_r, L_c, L_a; see pc_skin_losses
+    double typical;             // 0, or the squared length at which an edge has stiffness 1
     const uint32_t *order;      // #V, along a curve through space, for patches and groups
     size_t proxy_count;
     const double *proxy_rest; // #P by 3
@@ -27,6 +28,13 @@ typedef struct pci_skin_problem {
 // Fills everything that follows from the surface alone; the arrays come from scratch memory.
 bool pci_skin_problem_build(pci_scratch *scratch, const pc_mesh *surface, uint32_t neighbours,
                             pci_skin_problem *problem);
+
+// Makes the edges of L_r, L_c and L_s count alike whatever their length: stiffness falls with the
+// squared length. `norms` follow.
+void pci_skin_problem_equalize(pci_skin_problem *problem);
+
+// Factor of the edge from i to j in L_r, L_c and L_s; 1 for the paper's losses.
+double pci_skin_stiffness(const pci_skin_problem *problem, size_t i, size_t j);
 
 typedef struct pci_skin_measures {
     double losses[3];     // L_r, L_c, L_a, raw sums

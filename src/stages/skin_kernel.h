@@ -7,9 +7,9 @@
 //
 // With x_ij = u_i - u_j and e_ij the edge at rest, each term pulls the two ends of an edge i -> j
 // together or apart by the same force; for fixed rotations (envelope theorem) half of it is
-//   L_r, L_c:  x_ij - (R_i - I) e_ij        for j in N(i), in K(i)
-//   L_a:       Kw_ij a_i                    for j in K(i), a_i = a_i(0) + sum_j Kw_ij x_ij
-//   L_s:       2 (1 - |e_ij| / |e_ij(t)|) e_ij(t)   once for each edge of the ring
+//   L_r, L_c:  s_ij (x_ij - (R_i - I) e_ij)      for j in N(i), in K(i)
+//   L_a:       Kw_ij a_i                         for j in K(i), a_i = a_i(0) + sum_j Kw_ij x_ij
+//   L_s:       2 s_ij (1 - |e_ij| / |e_ij(t)|) e_ij(t)   once for each edge of the ring
 // so a list of edges serves all of them. What reaches vertices of other patches is added up there.
 #ifndef PCI_SKIN_KERNEL_H
 #define PCI_SKIN_KERNEL_H
@@ -31,15 +31,17 @@ typedef struct pci_skin_patch {
     const uint32_t *vertices;  // #local, own ones first
     const pci_skin_runs *runs; // #own
     const uint32_t *targets;   // j of each edge, as local vertex
-    const void *vectors;       // real, e_ij, 3 per edge
-    const void *lengths;       // real, |e_ij| per edge
+    const void *vectors;       // real, s_ij e_ij, 3 per edge
+    const void *lengths;       // real, s_ij |e_ij| per edge
+    const void *stiffness;     // real, s_ij per edge
     const void *near_weights;  // real, Kw_ij per edge, 0 outside K(i)
     const void *constants;     // real, #own by 17: see pci_skin_constant
 } pci_skin_patch;
 
-enum {                 // of a vertex
-    PCI_SKIN_RING = 0, // sum e e^T over N(i), 6 entries: xx, xy, xz, yy, yz, zz; 1 / sum |e|^2 or 0
-    PCI_SKIN_NEAR = 7, // the same over K(i)
+enum { // of a vertex
+    PCI_SKIN_RING =
+        0, // sum s e e^T over N(i), 6 entries: xx, xy, xz, yy, yz, zz; 1 / sum s |e|^2 or 0
+    PCI_SKIN_NEAR = 7,      // the same over K(i)
     PCI_SKIN_ATTACHED = 14, // a_i(0), 3
     PCI_SKIN_CONSTANTS = 17
 };

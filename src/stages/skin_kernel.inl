@@ -175,13 +175,15 @@ typedef struct NAME(vertex) {
     VEC u[3];
 } NAME(vertex);
 
-// Adds sum x e^T over some edges to s, sum Kw x to `attached`, and sum |x|^2 to `squares` (these
+// Adds sum x e^T over some edges to s, sum Kw x to `attached`, and sum |x|^2 to `squares`, with the
+// edges' stiffness in the first and last (these
 // two may be NULL).
 static inline __attribute__((always_inline)) void NAME(gather)(const NAME(vertex) * v,
                                                                uint32_t begin, uint32_t end,
                                                                VEC s[9], VEC attached[3],
                                                                VEC *squares) {
     const REAL *e = v->patch->vectors, *weights = v->patch->near_weights;
+    const REAL *stiffness = v->patch->stiffness;
     for (size_t k = begin; k < end; ++k) {
         const REAL *uj = &v->displacements[3 * PCI_BLOCK * (size_t)v->patch->targets[k]];
         const VEC x = v->u[0] - LOAD(uj), y = v->u[1] - LOAD(uj + PCI_BLOCK);
@@ -195,7 +197,7 @@ static inline __attribute__((always_inline)) void NAME(gather)(const NAME(vertex
             attached[2] += weights[k] * z;
         }
         if (squares != NULL) {
-            *squares += x * x + y * y + z * z;
+            *squares += stiffness[k] * (x * x + y * y + z * z);
         }
     }
 }
@@ -244,13 +246,14 @@ static inline __attribute__((always_inline)) VEC NAME(loss)(const VEC s[9], cons
     return squares - (scale > 0 ? (REAL)2 / scale : 0) * sum;
 }
 
-// Pulls both ends of some edges: t = `share` x - Q e + Kw a is added to `own` and taken from the
-// forces (from the lane on).
+// Pulls both ends of some edges: t = s (`share` x - Q e) + Kw a is added to `own` and taken from
+// the forces (from the lane on).
 static inline __attribute__((always_inline)) void NAME(pull)(const NAME(vertex) * v, uint32_t begin,
                                                              uint32_t end, REAL share,
                                                              const VEC q[9], const VEC *a,
                                                              REAL *forces, VEC own[3]) {
     const REAL *e = v->patch->vectors, *weights = v->patch->near_weights;
+    const REAL *stiffness = v->patch->stiffness;
     for (size_t k = begin; k < end; ++k) {
         const size_t at = 3 * PCI_BLOCK * (size_t)v->patch->targets[k];
         const REAL *uj = &v->displacements[at];
@@ -258,7 +261,7 @@ static inline __attribute__((always_inline)) void NAME(pull)(const NAME(vertex) 
         const REAL ex = e[3 * k], ey = e[3 * k + 1], ez = e[3 * k + 2];
         VEC t[3];
         for (size_t c = 0; c < 3; ++c) {
-            t[c] = share * (v->u[c] - LOAD(uj + c * PCI_BLOCK)) -
+            t[c] = share * stiffness[k] * (v->u[c] - LOAD(uj + c * PCI_BLOCK)) -
                    (q[3 * c] * ex + q[3 * c + 1] * ey + q[3 * c + 2] * ez);
             if (a != NULL) {
                 t[c] += weights[k] * a[c];
@@ -285,13 +288,14 @@ static inline __attribute__((always_inline)) VEC NAME(inverse_root)(VEC x) {
 static inline __attribute__((always_inline)) void NAME(stretch)(const NAME(vertex) * v, REAL share,
                                                                 REAL *forces, VEC own[3]) {
     const REAL *e = v->patch->vectors, *lengths = v->patch->lengths;
+    const REAL *stiffness = v->patch->stiffness;
     for (size_t k = v->runs->upper; k < v->runs->upper_end; ++k) {
         const size_t at = 3 * PCI_BLOCK * (size_t)v->patch->targets[k];
         const REAL *uj = &v->displacements[at];
         REAL *force = &forces[at];
-        const VEC x = e[3 * k] + (v->u[0] - LOAD(uj));
-        const VEC y = e[3 * k + 1] + (v->u[1] - LOAD(uj + PCI_BLOCK));
-        const VEC z = e[3 * k + 2] + (v->u[2] - LOAD(uj + 2 * PCI_BLOCK));
+        const VEC x = e[3 * k] + stiffness[k] * (v->u[0] - LOAD(uj));
+        const VEC y = e[3 * k + 1] + stiffness[k] * (v->u[1] - LOAD(uj + PCI_BLOCK));
+        const VEC z = e[3 * k + 2] + stiffness[k] * (v->u[2] - LOAD(uj + 2 * PCI_BLOCK));
         const VEC factor = share - share * lengths[k] * NAME(inverse_root)(x * x + y * y + z * z);
         const VEC t[3] = {factor * x, factor * y, factor * z};
         for (size_t c = 0; c < 3; ++c) {

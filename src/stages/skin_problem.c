@@ -3,6 +3,9 @@
 #include "core/topology.h"
 #include "stages/skin_internal.h"
 
+// Edges shorter than a tenth of the typical one get no stiffer: they would freeze what they join.
+static const double stiffness_floor = 0.01;
+
 typedef struct near_job {
     const pci_knn *knn;
     pci_skin_problem *problem;
@@ -93,4 +96,33 @@ bool pci_skin_problem_build(pci_scratch *scratch, const pc_mesh *surface, uint32
         }
     }
     return true;
+}
+
+double pci_skin_stiffness(const pci_skin_problem *problem, size_t i, size_t j) {
+    if (problem->typical == 0.0) {
+        return 1.0;
+    }
+    const double squared = pci_squared_distance(&problem->rest[3 * i], &problem->rest[3 * j]);
+    return problem->typical / (squared + stiffness_floor * problem->typical);
+}
+
+// Squared length of an edge times its stiffness.
+static double stiff_square(const pci_skin_problem *problem, size_t i, size_t j) {
+    return pci_skin_stiffness(problem, i, j) *
+           pci_squared_distance(&problem->rest[3 * i], &problem->rest[3 * j]);
+}
+
+void pci_skin_problem_equalize(pci_skin_problem *problem) {
+    const size_t nv = problem->vertex_count, k = problem->near_count;
+    const size_t edges = problem->ring_offsets[nv];
+    problem->typical = edges > 0 ? problem->norms[0] / (double)edges : 0.0;
+    problem->norms[0] = problem->norms[1] = 0.0;
+    for (size_t v = 0; v < nv; ++v) {
+        for (size_t e = problem->ring_offsets[v]; e < problem->ring_offsets[v + 1]; ++e) {
+            problem->norms[0] += stiff_square(problem, v, problem->ring[e]);
+        }
+        for (size_t e = k * v; e < k * v + k; ++e) {
+            problem->norms[1] += stiff_square(problem, v, problem->near[e]);
+        }
+    }
 }

@@ -65,20 +65,23 @@ static void build_row(const pci_skin_problem *p, const incoming_lists *in, const
     b->count = 0;
     add_entry(b, i, 0.0);
     for (size_t e = p->ring_offsets[i]; e < p->ring_offsets[i + 1]; ++e) {
-        add_entry(b, p->ring[e], -2.0 * (scale[0] + scale[3]));
-        b->values[i] += 2.0 * (scale[0] + scale[3]);
+        const double value = 2.0 * (scale[0] + scale[3]) * pci_skin_stiffness(p, i, p->ring[e]);
+        add_entry(b, p->ring[e], -value);
+        b->values[i] += value;
     }
     // Row r of K is 1 at r and -Kw at K(r).
     for (size_t e = 0; e < k; ++e) {
         const uint32_t j = p->near[k * i + e];
-        add_entry(b, j, -scale[1] - scale[2] * p->near_weights[k * i + e]);
+        const double value = scale[1] * pci_skin_stiffness(p, i, j);
+        add_entry(b, j, -value - scale[2] * p->near_weights[k * i + e]);
+        b->values[i] += value;
     }
-    b->values[i] += (double)k * scale[1] + scale[2];
+    b->values[i] += scale[2];
     for (size_t s = in->offsets[i]; s < in->offsets[i + 1]; ++s) {
         const uint32_t r = in->sources[s];
-        const double weight = in->weights[s];
-        b->values[i] += scale[1];
-        add_entry(b, r, -scale[1] - scale[2] * weight);
+        const double weight = in->weights[s], value = scale[1] * pci_skin_stiffness(p, i, r);
+        b->values[i] += value;
+        add_entry(b, r, -value - scale[2] * weight);
         for (size_t e = k * r; e < k * r + k; ++e) {
             add_entry(b, p->near[e], scale[2] * weight * p->near_weights[e]);
         }

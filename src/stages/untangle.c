@@ -162,24 +162,27 @@ static size_t crossings_around(const pc_mesh *mesh, const pci_halfedge *coarse, 
 
 // Tries places around a vertex and takes the nearest with the fewest crossings. True: fewer.
 static bool search_place(untangling *u, const pc_mesh *mesh, uint32_t v, uint32_t *nearby) {
-    static const double reaches[] = {0.06, 0.12, 0.2, 0.3, 0.45};
+    enum { directions = 27 };
+    static const double reaches[] = {0.06, 0.12, 0.2, 0.3, 0.45, 0.7, 1.0};
+    static const size_t reach_count = sizeof(reaches) / sizeof(reaches[0]);
     const pci_halfedge *coarse = u->relaxation->coarse;
-    const size_t count = find_nearby(mesh, coarse, v, reaches[4] * u->spacing, nearby);
+    const size_t count =
+        find_nearby(mesh, coarse, v, reaches[reach_count - 1] * u->spacing, nearby);
     double *at = position(u, v);
     const double start[3] = {at[0], at[1], at[2]};
     double better[3] = {at[0], at[1], at[2]};
     const pci_fan_shape before = pci_shape_of_fan(u->relaxation, v);
     const size_t first = crossings_around(mesh, coarse, v, nearby, count);
     size_t fewest = first;
-    for (size_t i = 0; i < 5 * 27 && fewest > 0; ++i) {
-        const int direction = (int)(i % 27);
+    for (size_t i = 0; i < reach_count * directions && fewest > 0; ++i) {
+        const int direction = (int)(i % directions);
         const double way[3] = {direction % 3 - 1, direction / 3 % 3 - 1, direction / 9 - 1};
         const double length = pci_norm(way);
         if (!(length > 0.0)) {
             continue;
         }
         for (size_t k = 0; k < 3; ++k) {
-            at[k] = start[k] + reaches[i / 27] * u->spacing / length * way[k];
+            at[k] = start[k] + reaches[i / directions] * u->spacing / length * way[k];
         }
         const pci_fan_shape after = pci_shape_of_fan(u->relaxation, v);
         if (after.angle < fmin(before.angle, kept_angle) || after.turned > before.turned) {

@@ -133,7 +133,7 @@ static bool run_paper(bench *b, const char *name, uint32_t batch, uint32_t steps
     pci_closest *closest = PCI_SCRATCH(&scratch, pci_closest, nv);
     bool good = !scratch.failed && pci_skin_problem_build(&scratch, surface, SLOTS, &problem) &&
                 pci_skin_closest_points(b->context, surface, &asset->proxy, closest) == PC_OK &&
-                pci_skin_find_candidates(&scratch, surface, &asset->proxy, closest, SLOTS,
+                pci_skin_find_candidates(&scratch, surface, &asset->proxy, closest, NULL, SLOTS,
                                          skin.bones, skin.weights);
     if (good) {
         set_motion(asset, &skin, &problem);

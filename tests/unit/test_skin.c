@@ -553,11 +553,12 @@ static void beats_the_closest_triangle(void **state) {
         pc_skin_options options;
         pc_record_set_defaults(&pc_skin_options_record, &options);
         options.lambda_follow = 0.0; // the paper's losses alone
+        options.equal_edges = false;
         options.lambda_stretch = 0.0;
         assert_ok(f.context, pc_skin_optimize(f.context, &f.visual, &f.proxy, &train, &options,
                                               &skin, &report));
         assert_valid_skin(&skin, f.visual.vertex_count, f.proxy.vertex_count);
-        assert_int_equal(skin.influences, 4);
+        assert_int_equal(skin.influences, 8);
         assert_ok(f.context, pc_skin_closest_triangle(f.context, &f.visual, &f.proxy, &baseline));
         assert_valid_skin(&baseline, f.visual.vertex_count, f.proxy.vertex_count);
         assert_ok(f.context,

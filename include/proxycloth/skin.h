@@ -93,7 +93,7 @@ typedef enum pc_body_channel {
 typedef struct pc_skin_options {
     uint32_t solver;          ///< pc_skin_solver
     uint32_t influences;      ///< K of the result
-    uint32_t candidates;      ///< k_B, proxy vertices considered per visual vertex
+    uint32_t candidates;      ///< k_B, proxy vertices considered per visual vertex; 0: 2 K
     uint32_t neighbours;      ///< k_K, spatial neighbours of L_c and L_a
     double lambda_rigid;      ///< lambda_r
     double lambda_collision;  ///< lambda_c

@@ -16,7 +16,7 @@ static const pc_preset presets[] = {
      "{\"vertices\": 128, \"influences\": 4, \"weight_storage\": \"u16\"}"},
     {"cinematic", "512 vertices from 64 voxels, 8 influences: close-ups",
      "{\"voxels\": 64, \"vertices\": 512, \"dynamics\": \"xpbd\", \"influences\": 8, "
-     "\"candidates\": 12, \"weight_storage\": \"float\"}"},
+     "\"weight_storage\": \"float\"}"},
 };
 
 const pc_preset *pc_preset_at(size_t index) {

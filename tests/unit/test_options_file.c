@@ -47,7 +47,6 @@ static void presets_come_first(void **state) {
             assert_ok(context, pc_record_check(context, f.groups[stage].name,
                                                f.groups[stage].record, f.groups[stage].values));
         }
-        assert_true(f.options.skin.candidates >= f.options.skin.influences);
     }
     set_up(&f);
     assert_ok(context, parse(context, "{\"vertices\": 99, \"preset\": \"mobile\"}", &f));

@@ -588,6 +588,8 @@ static void assert_json_record(const cJSON *object, const pc_record *record, con
             assert_string_equal(item->valuestring, field->choices[(size_t)value]);
         } else if (field->type == PC_FIELD_BOOL) {
             assert_int_equal(cJSON_IsTrue(item), value != 0.0);
+        } else if (field->zero != NULL && value == 0.0) {
+            assert_string_equal(item->valuestring, field->zero);
         } else if (isfinite(value)) {
             assert_true(cJSON_IsNumber(item) && item->valuedouble == value);
         } else {

@@ -108,8 +108,13 @@ static inline pc_mesh test_union(pc_context *context, const pc_mesh *a, const pc
                     .triangle_count = a->triangle_count + b->triangle_count};
     mesh.positions = PCI_ALLOCATE(context, double, 3 * mesh.vertex_count);
     mesh.triangles = PCI_ALLOCATE(context, uint32_t, 3 * mesh.triangle_count);
-    memcpy(mesh.positions, a->positions, 3 * a->vertex_count * sizeof(double));
-    memcpy(mesh.triangles, a->triangles, 3 * a->triangle_count * sizeof(uint32_t));
+    // `a` may be empty, without arrays.
+    for (size_t i = 0; i < 3 * a->vertex_count; ++i) {
+        mesh.positions[i] = a->positions[i];
+    }
+    for (size_t i = 0; i < 3 * a->triangle_count; ++i) {
+        mesh.triangles[i] = a->triangles[i];
+    }
     for (size_t i = 0; i < 3 * b->vertex_count; ++i) {
         mesh.positions[3 * a->vertex_count + i] = b->positions[i] + offset[i % 3];
     }

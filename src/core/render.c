@@ -4,7 +4,7 @@
 
 #define SAMPLES         3 // per pixel and axis
 #define BAND_ROWS       8 // pixels, work of one piece
-#define LAMPS           96
+#define LAMPS           48
 #define SHADOW_SIDE     144 // texels of a lamp's depth map
 #define SHADOW_TEXELS   ((size_t)LAMPS * SHADOW_SIDE * SHADOW_SIDE)
 #define CREASE_COSINE   0.6427F // of 50 degrees

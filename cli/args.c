@@ -53,10 +53,11 @@ static const char *const part_choices[] = {"together", "separate", NULL};
 static const pc_field settings_fields[] = {SETTINGS(SETTING_FIELD)};
 static const unsigned settings_accepts[] = {SETTINGS(SETTING_ACCEPTS)};
 
-enum { SETTING_COUNT = sizeof(settings_fields) / sizeof(settings_fields[0]), IN_FILES = 6 };
-_Static_assert(offsetof(cli_settings, json) > offsetof(cli_settings, strip), "order of the table");
+#define SETTING_INDEX(member, kind, default_, min_, max_, unit_, help_, accepts_) AT_##member,
+enum { SETTINGS(SETTING_INDEX) SETTING_COUNT };
 const pc_record cli_settings_record = {settings_fields, SETTING_COUNT, sizeof(cli_settings)};
-const pc_record cli_file_settings_record = {settings_fields, IN_FILES, sizeof(cli_settings)};
+// From `json` on they are about one run.
+const pc_record cli_file_settings_record = {settings_fields, AT_json, sizeof(cli_settings)};
 
 static const cli_text_flag text_flags[] = {
     {"output", "OUTDIR", "Folder for the results; made when missing", CLI_OUTPUT_FOLDER,

@@ -235,6 +235,7 @@ for i in 10 11 12 13 14 15 16 17 18 19; do
 done
 longer="--voxels 16 --vertices 40 --frames 5 --epochs 5 --no-png"
 for signal in KILL INT TERM; do
+    : >stdout # the loop below must not count the lines of the run before, nor signal too early
     "$program" batch many -o stopped --jobs 2 $longer >stdout 2>stderr </dev/null &
     process=$!
     tries=0

@@ -446,6 +446,14 @@ double pci_triangle_area(const pc_mesh *mesh, size_t triangle) {
     return 0.5 * pci_norm(normal);
 }
 
+double pc_mesh_area(const pc_mesh *mesh) {
+    double sum = 0.0;
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        sum += pci_triangle_area(mesh, t);
+    }
+    return sum;
+}
+
 void pci_bounding_box(const pc_mesh *mesh, double minimum[3], double maximum[3]) {
     for (size_t k = 0; k < 3; ++k) {
         minimum[k] = mesh->vertex_count > 0 ? mesh->positions[k] : 0.0;

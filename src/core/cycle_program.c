@@ -37,7 +37,7 @@ bool pci_cycle_program_create(pci_scratch *scratch, const pci_signed_graph *grap
     }
     p->has_flow = p->valences[PCI_GROUND] > 1;
     p->u[PCI_GROUND] = p->u_bar[PCI_GROUND] = 0.5F;
-    p->scale = m != 0 ? 1.0 / mean : 1.0;
+    p->scale = mean > 0.0 ? 1.0 / mean : 1.0;
     for (size_t e = 0; e < m; ++e) {
         p->costs[e] = (float)((double)graph->edges[e].cost * p->scale);
     }

@@ -44,8 +44,15 @@ void batch_plan_free(batch_plan *plan);
 
 // Appends a garment. Without `id` its name is that of the file. NULL when memory ran out.
 batch_job *batch_plan_add(batch_plan *plan, const char *path, const char *file, const char *id);
+void batch_job_free(batch_job *job);
+// Sorts by id. Files of the same name in several folders get some digits that depend on their paths
+// only, so that they keep them whatever else is converted. Prints a message where two lines of
+// manifests ask for the same id.
+int batch_plan_tell_apart(batch_plan *plan);
 // Appends the lines of a manifest. Prints a message for every line that is wrong.
 int batch_read_manifest(batch_plan *plan, const char *path);
+// The part of a path behind its last slash.
+const char *batch_base_name(const char *path);
 
 // ---- records ------------------------------------------------------------------------------------
 

@@ -11,6 +11,39 @@
 #include <string.h>
 #include <sys/stat.h>
 
+// Tolerances are wide enough for another compiler, and for measures that rest on samples.
+#define MEASURE(name)                                                                              \
+#name, { "measures", #name }
+const regress_measure regress_measures[REGRESS_MEASURES] = {
+    {MEASURE(vertices), WORSE_IF_CHANGED, 0.0, 0.0},
+    {MEASURE(components), WORSE_IF_CHANGED, 0.0, 0.0},
+    {MEASURE(boundary_loops), WORSE_IF_CHANGED, 0.0, 0.0},
+    {MEASURE(nonmanifold_edges), WORSE_IF_HIGHER, 0.0, 0.0},
+    {MEASURE(nonmanifold_vertices), WORSE_IF_HIGHER, 0.0, 0.0},
+    {MEASURE(self_intersections), WORSE_IF_HIGHER, 0.0, 0.0},
+    {MEASURE(doubled_area), WORSE_IF_HIGHER, 2e-3, 0.0},
+    {MEASURE(hausdorff), WORSE_IF_HIGHER, 2e-3, 0.05},
+    {MEASURE(boundary_to_opening_mean), WORSE_IF_HIGHER, 2e-3, 0.05},
+    {MEASURE(opening_to_boundary_mean), WORSE_IF_HIGHER, 2e-3, 0.05},
+    {MEASURE(min_angle_mean), WORSE_IF_LOWER, 0.5, 0.0},
+    {MEASURE(min_angle_worst), WORSE_IF_LOWER, 1.0, 0.0},
+    {MEASURE(edge_ratio_mean), WORSE_IF_LOWER, 0.01, 0.0},
+    {MEASURE(aspect_ratio_mean), WORSE_IF_LOWER, 0.01, 0.0},
+    {MEASURE(radius_ratio_mean), WORSE_IF_LOWER, 0.01, 0.0},
+    {"label_objective", {"label", "objective"}, NEVER_WORSE, 1e-6, 1e-4},
+    {"label_gap", {"label", "gap"}, WORSE_IF_HIGHER, 1e-6, 0.0},
+    {"skin_loss_after", {"losses", "after", "total"}, WORSE_IF_HIGHER, 0.0, 0.05},
+};
+
+size_t regress_find(const char *name, size_t length) {
+    size_t k = 0;
+    while (k < REGRESS_MEASURES && (strncmp(regress_measures[k].name, name, length) != 0 ||
+                                    regress_measures[k].name[length] != '\0')) {
+        ++k;
+    }
+    return k;
+}
+
 void regress_free(regress_results *results) {
     for (size_t i = 0; i < results->count; ++i) {
         free(results->garments[i].name);

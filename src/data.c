@@ -1,6 +1,5 @@
 // Release functions of the plain data types.
 #include "core/core.h"
-#include "core/topology.h"
 #include "proxycloth/pipeline.h"
 
 void pc_mesh_free(pc_context *context, pc_mesh *mesh) {
@@ -9,14 +8,6 @@ void pc_mesh_free(pc_context *context, pc_mesh *mesh) {
         pc_release(context, mesh->triangles);
         memset(mesh, 0, sizeof(*mesh));
     }
-}
-
-double pc_mesh_area(const pc_mesh *mesh) {
-    double sum = 0.0;
-    for (size_t t = 0; t < mesh->triangle_count; ++t) {
-        sum += pci_triangle_area(mesh, t);
-    }
-    return sum;
 }
 
 void pc_motion_free(pc_context *context, pc_motion *motion) {

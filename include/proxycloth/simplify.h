@@ -17,8 +17,10 @@
 ///   places, edges collapse or split, and the vertex count is balanced elsewhere. So sleeves stay
 ///   tubes of at least three edges around, and straps become strips one triangle wide. What is
 ///   narrower still is widened, by at most .7 edge lengths.
-/// - Where the proxy crosses itself it is pushed apart, then vertex by vertex moved to the nearest
-///   place with fewer crossings. What is left is in `self_intersections`.
+/// - Where the proxy crosses itself it is pushed apart; then vertices move alone and together, and
+///   edges flip, to the nearest state without crossings and angles below 20 degrees. Where that
+///   fails, other clusters are tried, up to eight times (`attempts`), and the best proxy is kept.
+///   What is left is in `self_intersections`.
 ///
 /// Density map: an artist may paint where the proxy needs more vertices into a channel of the
 /// visual mesh's vertex colors. Value c at the nearest point of the visual mesh makes wanted edges
@@ -88,6 +90,7 @@ typedef struct pc_simplify_report {
     uint64_t surplus_vertices;   ///< that narrow parts needed on top of one per cluster
     bool density_ignored;        ///< the visual mesh has no vertex colors
     uint64_t self_intersections; ///< pairs of triangles that still cross
+    uint64_t attempts;           ///< proxies that were made, the last or the best of them kept
     uint64_t iterations;
     uint32_t shortfall; ///< pc_simplify_shortfall
 } pc_simplify_report;

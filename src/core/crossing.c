@@ -56,8 +56,8 @@ static void stretch(const double triangle[9], const double distance[3], const do
     }
 }
 
-bool pci_triangles_cross(const double a[9], unsigned shared_a, const double b[9],
-                         unsigned shared_b) {
+double pci_crossing_length(const double a[9], unsigned shared_a, const double b[9],
+                           unsigned shared_b) {
     // Coordinates relative to a corner, so that the position in space costs no digits.
     double p[9], q[9], extent = 0.0;
     for (size_t i = 0; i < 3; ++i) {
@@ -73,16 +73,22 @@ bool pci_triangles_cross(const double a[9], unsigned shared_a, const double b[9]
         !on_both_sides(distance_p) ||
         !plane_distances(p, q, shared_b, zero, normal_p, distance_q) ||
         !on_both_sides(distance_q)) {
-        return false;
+        return 0.0;
     }
     double direction[3], interval_p[2], interval_q[2];
     pci_cross(normal_p, normal_q, direction);
     if (!pci_normalize(direction)) {
-        return false;
+        return 0.0;
     }
     stretch(p, distance_p, direction, interval_p);
     stretch(q, distance_q, direction, interval_q);
-    return fmin(interval_p[1], interval_q[1]) - fmax(interval_p[0], interval_q[0]) > zero;
+    const double length = fmin(interval_p[1], interval_q[1]) - fmax(interval_p[0], interval_q[0]);
+    return length > zero ? length : 0.0;
+}
+
+bool pci_triangles_cross(const double a[9], unsigned shared_a, const double b[9],
+                         unsigned shared_b) {
+    return pci_crossing_length(a, shared_a, b, shared_b) > 0.0;
 }
 
 typedef struct box {
@@ -108,7 +114,7 @@ typedef struct sweep {
     uint32_t *pairs; // 2 per crossing, piece after piece; NULL: only count
 } sweep;
 
-bool pci_pair_crosses(const pc_mesh *mesh, uint32_t first, uint32_t second) {
+double pci_pair_crossing_length(const pc_mesh *mesh, uint32_t first, uint32_t second) {
     double a[9], b[9];
     unsigned shared_a = 0, shared_b = 0, shared = 0;
     for (size_t i = 0; i < 3; ++i) {
@@ -124,7 +130,11 @@ bool pci_pair_crosses(const pc_mesh *mesh, uint32_t first, uint32_t second) {
             }
         }
     }
-    return shared < 2 && pci_triangles_cross(a, shared_a, b, shared_b);
+    return shared < 2 ? pci_crossing_length(a, shared_a, b, shared_b) : 0.0;
+}
+
+bool pci_pair_crosses(const pc_mesh *mesh, uint32_t first, uint32_t second) {
+    return pci_pair_crossing_length(mesh, first, second) > 0.0;
 }
 
 static uint32_t strip_at(const strips *s, double position) {

@@ -12,9 +12,13 @@
 // corner is exactly on the other plane, and a crossing has to go on beyond it.
 bool pci_triangles_cross(const double a[9], unsigned shared_a, const double b[9],
                          unsigned shared_b);
+// The length of the piece of the line that they share; 0: they do not cross.
+double pci_crossing_length(const double a[9], unsigned shared_a, const double b[9],
+                           unsigned shared_b);
 
-// The same for two triangles of a mesh; false when they share two or three vertices.
+// The same for two triangles of a mesh; false and 0 when they share two or three vertices.
 bool pci_pair_crosses(const pc_mesh *mesh, uint32_t first, uint32_t second);
+double pci_pair_crossing_length(const pc_mesh *mesh, uint32_t first, uint32_t second);
 
 // Pairs of triangles that cross, in an order that does not depend on the number of threads; pairs
 // that share two or three vertices are not looked at. `pairs` (2 by count, from scratch) may be

@@ -4,6 +4,7 @@
 #include "core/distance_field.h"
 
 #include "core/bvh.h"
+#include "core/topology.h"
 
 // ---- winding numbers
 // ------------------------------------------------------------------------------
@@ -36,10 +37,7 @@ static double centroid(const pc_mesh *mesh, size_t triangle, size_t k) {
 }
 
 static void area_vector(const pc_mesh *mesh, size_t triangle, double out[3]) {
-    double ab[3], ac[3];
-    pci_sub(corner(mesh, triangle, 1), corner(mesh, triangle, 0), ab);
-    pci_sub(corner(mesh, triangle, 2), corner(mesh, triangle, 0), ac);
-    pci_cross(ab, ac, out);
+    pci_triangle_vector(mesh, triangle, out);
     for (size_t k = 0; k < 3; ++k) {
         out[k] *= 0.5;
     }

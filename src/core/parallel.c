@@ -1,5 +1,6 @@
-#define _POSIX_C_SOURCE 200809L
+#define _GNU_SOURCE // sched_getaffinity
 #include <pthread.h>
+#include <sched.h>
 #include <stdatomic.h>
 #include <unistd.h>
 
@@ -69,10 +70,21 @@ static void *worker_main(void *argument) {
     return NULL;
 }
 
+// Cores that this process may use: a farm's scheduler gives it some of the machine's.
+static uint32_t count_cores(void) {
+    long cores = sysconf(_SC_NPROCESSORS_ONLN);
+#ifdef __linux__
+    cpu_set_t allowed; // holds 1024 cores; on larger machines the call fails
+    if (sched_getaffinity(0, sizeof(allowed), &allowed) == 0) {
+        cores = CPU_COUNT(&allowed);
+    }
+#endif
+    return cores < 1 ? 1 : cores > 256 ? 256 : (uint32_t)cores;
+}
+
 pci_pool *pci_pool_create(pc_context *context, uint32_t threads) {
     if (threads == 0) {
-        const long cores = sysconf(_SC_NPROCESSORS_ONLN);
-        threads = cores < 1 ? 1 : cores > 256 ? 256 : (uint32_t)cores;
+        threads = count_cores();
     }
     pci_pool *pool = PCI_ALLOCATE(context, pci_pool, 1);
     if (pool == NULL) {

@@ -2,11 +2,8 @@
 
 #include "core/topology.h"
 
-#define SAMPLES         3 // per pixel and axis
-#define BAND_ROWS       8 // pixels, work of one piece
-#define LAMPS           48
-#define SHADOW_SIDE     144 // texels of a lamp's depth map
-#define SHADOW_TEXELS   ((size_t)LAMPS * SHADOW_SIDE * SHADOW_SIDE)
+#define SAMPLES         3       // per pixel and axis
+#define BAND_ROWS       8       // pixels, work of one piece
 #define CREASE_COSINE   0.6427F // of 50 degrees
 #define EDGE_WIDTH      1.15    // pixels at a tile of 360
 #define BORDER_WIDTH    3.2
@@ -19,219 +16,87 @@ static const float front_albedo[3] = {0.46F, 0.46F, 0.47F};
 static const float back_albedo[3] = {0.13F, 0.28F, 0.62F};
 static const float edge_color[3] = {0.012F, 0.014F, 0.02F};
 
-// ---- triangles to samples ---------------------------------------------------------------------
-
-typedef struct canvas {
-    size_t width;
-    size_t first_row, row_count;
-    float *depths;       // larger is nearer
-    uint32_t *triangles; // may be NULL
-} canvas;
-
 static inline double smaller(double a, double b) { return a < b ? a : b; }
 static inline double larger(double a, double b) { return a > b ? a : b; }
 
-// First sample whose middle is beyond x, within limits.
-static inline size_t first_sample(double x, size_t lowest, size_t highest) {
-    const double sample = x + 0.5;
-    return !(sample > (double)lowest)    ? lowest
-           : !(sample < (double)highest) ? highest
-                                         : (size_t)sample;
-}
-
-// Where the edge from `a` up to `b` passes height y. Both triangles at an edge compute the same.
-static double edge_at(const double *a, const double *b, double y) {
-    return a[0] + (b[0] - a[0]) * ((y - a[1]) / (b[1] - a[1]));
-}
-
-// Corners are x, y, depth in samples.
-static void rasterize(canvas *target, const double *a, const double *b, const double *c,
-                      uint32_t triangle) {
-    // Corners from the smallest to the largest y; most triangles of a fine mesh miss all samples.
-    const double *low = a, *middle = b, *high = c, *swap;
-    if (middle[1] < low[1]) {
-        swap = low, low = middle, middle = swap;
-    }
-    if (high[1] < middle[1]) {
-        swap = middle, middle = high, high = swap;
-    }
-    if (middle[1] < low[1]) {
-        swap = low, low = middle, middle = swap;
-    }
-    const size_t last_row = target->first_row + target->row_count;
-    const size_t first_row = first_sample(low[1], target->first_row, last_row);
-    const size_t end_row = first_sample(high[1], target->first_row, last_row);
-    const double det = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]);
-    if (first_row == end_row || !(fabs(det) > 0.0) || !isfinite(det)) {
-        return;
-    }
-    const double by_x = ((b[2] - a[2]) * (c[1] - a[1]) - (c[2] - a[2]) * (b[1] - a[1])) / det;
-    const double by_y = ((c[2] - a[2]) * (b[0] - a[0]) - (b[2] - a[2]) * (c[0] - a[0])) / det;
-    for (size_t row = first_row; row < end_row; ++row) {
-        const double y = (double)row + 0.5;
-        const double x0 = edge_at(low, high, y);
-        const double x1 = y < middle[1] ? edge_at(low, middle, y) : edge_at(middle, high, y);
-        const size_t begin = first_sample(smaller(x0, x1), 0, target->width);
-        const size_t end = first_sample(larger(x0, x1), 0, target->width);
-        const size_t offset = (row - target->first_row) * target->width;
-        double depth = a[2] + by_y * (y - a[1]) + by_x * ((double)begin + 0.5 - a[0]);
-        for (size_t column = begin; column < end; ++column, depth += by_x) {
-            if ((float)depth > target->depths[offset + column]) {
-                target->depths[offset + column] = (float)depth;
-                if (target->triangles != NULL) {
-                    target->triangles[offset + column] = triangle;
-                }
-            }
-        }
-    }
-}
-
 static const double *corner_position(const pc_mesh *mesh, size_t triangle, size_t corner) {
     return &mesh->positions[3 * (size_t)mesh->triangles[3 * triangle + corner]];
-}
-
-// ---- lamps ------------------------------------------------------------------------------------
-
-// Unit vector to the lamp, and axes of its depth map scaled from radii of the model to texels.
-typedef struct lamp {
-    float direction[3];
-    float axes[3][3];
-} lamp;
-
-// Evenly spread over the sphere: steps of the golden angle on rings of equal area.
-static lamp lamp_at(size_t i) {
-    const double height = 1.0 - 2.0 * ((double)i + 0.5) / LAMPS;
-    const double radius = sqrt(1.0 - height * height), angle = 2.399963229728653 * (double)i;
-    const double direction[3] = {radius * cos(angle), height, radius * sin(angle)};
-    const double helper[3] = {fabs(height) < 0.8 ? 0.0 : 1.0, fabs(height) < 0.8 ? 1.0 : 0.0, 0.0};
-    double across[3], along[3];
-    pci_cross(helper, direction, across);
-    pci_normalize(across);
-    pci_cross(direction, across, along);
-    lamp result;
-    for (size_t k = 0; k < 3; ++k) {
-        result.direction[k] = (float)direction[k];
-        result.axes[0][k] = (float)(0.5 * SHADOW_SIDE * across[k]);
-        result.axes[1][k] = (float)(0.5 * SHADOW_SIDE * along[k]);
-        result.axes[2][k] = (float)(0.5 * SHADOW_SIDE * direction[k]);
-    }
-    return result;
 }
 
 static inline float dot(const float a[3], const float b[3]) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-// Column, row and depth, all from 0 to SHADOW_SIDE, of a point inside the model's unit sphere.
-static inline void to_lamp(const lamp *at, const float point[3], float out[3]) {
-    for (size_t k = 0; k < 3; ++k) {
-        out[k] = 0.5F * SHADOW_SIDE + dot(point, at->axes[k]);
-    }
-}
-
-typedef struct shadow_job {
-    const pci_model *model;
-    double *corners; // #workers by #V by 3, vertices seen from the lamp
-} shadow_job;
-
-static void cast_shadows(void *user, size_t begin, size_t end, uint32_t worker) {
-    const shadow_job *job = user;
-    const pc_mesh *mesh = job->model->mesh;
-    double *corners = &job->corners[3 * mesh->vertex_count * worker];
-    for (size_t i = begin; i < end; ++i) {
-        const lamp at = lamp_at(i);
-        for (size_t v = 0; v < mesh->vertex_count; ++v) {
-            float mapped[3];
-            to_lamp(&at, &job->model->points[3 * v], mapped);
-            for (size_t k = 0; k < 3; ++k) {
-                corners[3 * v + k] = (double)mapped[k];
-            }
-        }
-        canvas target = {.width = SHADOW_SIDE, .row_count = SHADOW_SIDE};
-        target.depths = &job->model->shadows[i * SHADOW_SIDE * SHADOW_SIDE];
-        for (size_t t = 0; t < mesh->triangle_count; ++t) {
-            const uint32_t *v = &mesh->triangles[3 * t];
-            rasterize(&target, &corners[3 * (size_t)v[0]], &corners[3 * (size_t)v[1]],
-                      &corners[3 * (size_t)v[2]], 0);
-        }
-    }
-}
-
-// Share of the four texels around a point that no surface hides from the lamp, bilinear.
-static inline float visibility(const float *depths, const float mapped[3]) {
-    float place[2];
-    for (size_t k = 0; k < 2; ++k) {
-        const float texel = mapped[k] - 0.5F, last = SHADOW_SIDE - 1.001F;
-        place[k] = !(texel > 0.0F) ? 0.0F : texel > last ? last : texel;
-    }
-    const size_t column = (size_t)place[0], row = (size_t)place[1];
-    const float u = place[0] - (float)column, v = place[1] - (float)row;
-    const float *at = &depths[row * SHADOW_SIDE + column];
-    const float lit[4] = {(float)(at[0] <= mapped[2]), (float)(at[1] <= mapped[2]),
-                          (float)(at[SHADOW_SIDE] <= mapped[2]),
-                          (float)(at[SHADOW_SIDE + 1] <= mapped[2])};
-    return (lit[0] * (1.0F - u) + lit[1] * u) * (1.0F - v) + (lit[2] * (1.0F - u) + lit[3] * u) * v;
-}
-
 // ---- model ------------------------------------------------------------------------------------
 
 typedef struct normal_job {
-    const pc_mesh *mesh;
-    const pci_topology *topology;
-    const double *areas; // #F by 3, area vectors
+    const pci_model *model;
+    const double *areas, *lengths; // #F by 3, area vectors; #F
     bool smooth;
-    float *normals;
 } normal_job;
+
+static void compute_areas(const pc_mesh *mesh, double *areas, double *lengths) {
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        double ab[3], ac[3];
+        pci_sub(corner_position(mesh, t, 1), corner_position(mesh, t, 0), ab);
+        pci_sub(corner_position(mesh, t, 2), corner_position(mesh, t, 0), ac);
+        pci_cross(ab, ac, &areas[3 * t]);
+        lengths[t] = pci_norm(&areas[3 * t]);
+    }
+}
 
 static void compute_normals(void *user, size_t begin, size_t end, uint32_t worker) {
     const normal_job *job = user;
+    const pc_mesh *mesh = job->model->mesh;
+    const pci_topology *topology = job->model->topology;
     (void)worker;
     for (size_t t = begin; t < end; ++t) {
         const double *own = &job->areas[3 * t];
-        const double own_length = pci_norm(own);
+        const double least = (double)CREASE_COSINE * job->lengths[t];
         for (size_t c = 0; c < 3; ++c) {
-            const uint32_t v = job->mesh->triangles[3 * t + c];
+            const uint32_t v = mesh->triangles[3 * t + c];
             double sum[3] = {own[0], own[1], own[2]};
-            const size_t first = job->topology->vertex_triangle_offsets[v];
-            const size_t last = job->topology->vertex_triangle_offsets[v + 1];
+            const size_t first = topology->vertex_triangle_offsets[v];
+            const size_t last = topology->vertex_triangle_offsets[v + 1];
             for (size_t k = first; k < last && job->smooth; ++k) {
                 // Neighbours of the other winding count with their normal turned over.
-                const uint32_t other = job->topology->vertex_triangles[k];
+                const uint32_t other = topology->vertex_triangles[k];
                 const double *area = &job->areas[3 * (size_t)other];
                 const double cosine = pci_dot(own, area);
-                if (other != t &&
-                    fabs(cosine) > (double)CREASE_COSINE * own_length * pci_norm(area)) {
+                if (other != t && fabs(cosine) > least * job->lengths[other]) {
                     const double sign = cosine < 0.0 ? -1.0 : 1.0;
                     sum[0] += sign * area[0], sum[1] += sign * area[1], sum[2] += sign * area[2];
                 }
             }
             pci_normalize(sum);
             for (size_t k = 0; k < 3; ++k) {
-                job->normals[9 * t + 3 * c + k] = (float)sum[k];
+                job->model->normals[9 * t + 3 * c + k] = (float)sum[k];
             }
         }
     }
 }
 
-bool pci_model_build(pc_context *context, pci_scratch *scratch, const pc_mesh *mesh, pci_look look,
-                     pci_model *model) {
-    const size_t count = mesh->triangle_count;
-    pci_topology topology;
-    memset(model, 0, sizeof(*model));
-    model->mesh = mesh;
-    model->normals = PCI_SCRATCH(scratch, float, 9 * count);
-    model->borders = PCI_SCRATCH(scratch, uint8_t, count);
-    model->points = PCI_SCRATCH(scratch, float, 3 * mesh->vertex_count);
-    shadow_job shadow = {.model = model};
-    if (look != PCI_LOOK_UNLIT) { // nothing is at depth 0, the far end
-        const size_t workers = pc_context_threads(context);
-        shadow.corners = PCI_SCRATCH(scratch, double, 3 * mesh->vertex_count * workers);
-        model->shadows = PCI_SCRATCH(scratch, float, SHADOW_TEXELS);
-    }
-    double *areas = PCI_SCRATCH(scratch, double, 3 * count);
-    if (scratch->failed || !pci_topology_build(scratch, mesh, &topology)) {
+static bool find_borders(pci_scratch *scratch, pci_model *model) {
+    const pc_mesh *mesh = model->mesh;
+    pci_topology *topology = PCI_SCRATCH(scratch, pci_topology, 1);
+    uint8_t *borders = PCI_SCRATCH(scratch, uint8_t, mesh->triangle_count);
+    if (scratch->failed || !pci_topology_build(scratch, mesh, topology)) {
         return false;
     }
+    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
+        const uint32_t e = topology->triangle_edges[i];
+        const bool border =
+            e != PC_INVALID_INDEX &&
+            topology->edge_triangle_offsets[e + 1] - topology->edge_triangle_offsets[e] == 1;
+        borders[i / 3] |= (uint8_t)((border ? 1U : 0U) << i % 3);
+    }
+    model->topology = topology;
+    model->borders = borders;
+    return true;
+}
+
+static void measure(pci_model *model) {
+    const pc_mesh *mesh = model->mesh;
     double minimum[3], maximum[3];
     pci_bounding_box(mesh, minimum, maximum);
     model->radius = 0.5 * sqrt(pci_squared_distance(minimum, maximum));
@@ -239,314 +104,473 @@ bool pci_model_build(pc_context *context, pci_scratch *scratch, const pc_mesh *m
     for (size_t k = 0; k < 3; ++k) {
         model->centre[k] = 0.5 * (minimum[k] + maximum[k]);
     }
-    for (size_t i = 0; i < 3 * mesh->vertex_count; ++i) {
-        model->points[i] = (float)((mesh->positions[i] - model->centre[i % 3]) / model->radius);
-    }
-    for (size_t t = 0; t < count; ++t) {
-        double ab[3], ac[3];
-        pci_sub(corner_position(mesh, t, 1), corner_position(mesh, t, 0), ab);
-        pci_sub(corner_position(mesh, t, 2), corner_position(mesh, t, 0), ac);
-        pci_cross(ab, ac, &areas[3 * t]);
-        for (size_t c = 0; c < 3; ++c) {
-            const uint32_t e = topology.triangle_edges[3 * t + c];
-            const bool border =
-                e != PC_INVALID_INDEX &&
-                topology.edge_triangle_offsets[e + 1] - topology.edge_triangle_offsets[e] == 1;
-            model->borders[t] |= (uint8_t)((border ? 1U : 0U) << c);
+    const double scale = 1.0 / model->radius;
+    for (size_t v = 0; v < mesh->vertex_count; ++v) {
+        for (size_t k = 0; k < 3; ++k) {
+            model->points[3 * v + k] =
+                (float)((mesh->positions[3 * v + k] - model->centre[k]) * scale);
         }
     }
-    normal_job job = {mesh, &topology, areas, look == PCI_LOOK_SMOOTH, model->normals};
-    pci_parallel_for(context, count, 1024, compute_normals, &job);
-    if (look != PCI_LOOK_UNLIT) {
-        pci_parallel_for(context, LAMPS, 1, cast_shadows, &shadow);
-    }
-    return true;
 }
 
-// ---- drawing ----------------------------------------------------------------------------------
+bool pci_model_build(const pci_renderer *renderer, pci_scratch *scratch, const pc_mesh *mesh,
+                     pci_look look, const pci_model *like, pci_model *model) {
+    const size_t count = mesh->triangle_count;
+    memset(model, 0, sizeof(*model));
+    model->mesh = mesh;
+    model->points = PCI_SCRATCH(scratch, float, 3 * mesh->vertex_count);
+    if (like != NULL) {
+        model->topology = like->topology;
+        model->borders = like->borders;
+    }
+    if (scratch->failed || (like == NULL && !find_borders(scratch, model))) {
+        return false;
+    }
+    measure(model);
+    if (look == PCI_LOOK_UNLIT) {
+        return true;
+    }
+    model->normals = PCI_SCRATCH(scratch, float, 9 * count);
+    double *areas = PCI_SCRATCH(scratch, double, 3 * count);
+    double *lengths = PCI_SCRATCH(scratch, double, count);
+    if (scratch->failed) {
+        return false;
+    }
+    compute_areas(mesh, areas, lengths);
+    normal_job job = {model, areas, lengths, look == PCI_LOOK_SMOOTH};
+    pci_parallel_for(renderer->context, count, 1024, compute_normals, &job);
+    model->shadows =
+        pci_dome_cast(renderer->context, scratch, &renderer->dome, mesh, model->points);
+    return model->shadows != NULL;
+}
 
-typedef struct drawing {
-    const pci_model *model;
-    const pci_camera *camera;
-    pci_style style;
-    pci_tile tile;
-    pci_image *image;
-    double *corners; // #V by 3, x, y, depth in samples
-    lamp lamps[LAMPS];
-    float intensities[LAMPS];             // as seen from this camera
-    double edge_half_width, border_width; // samples
-    float decoded[256];                   // sRGB to linear
-    uint8_t encoded[4097];                // linear to sRGB
-    float *depths;                        // per worker, one band
-    uint32_t *triangles;
-} drawing;
+// ---- light and colour -------------------------------------------------------------------------
 
 // A wide key light from the upper left behind the viewer, and a sky that is brighter above. An open
 // surface that faces the viewer gets 1.
-static void set_lamps(drawing *d) {
-    const pci_camera *camera = d->camera;
+static void set_intensities(const pci_dome *dome, const pci_camera *camera, float *intensities) {
     double key[3], total = 0.0;
     for (size_t k = 0; k < 3; ++k) {
         key[k] = camera->towards[k] * 0.62 + camera->up[k] * 0.62 - camera->right[k] * 0.48;
     }
     pci_normalize(key);
-    for (size_t i = 0; i < LAMPS; ++i) {
-        d->lamps[i] = lamp_at(i);
-        const double direction[3] = {(double)d->lamps[i].direction[0],
-                                     (double)d->lamps[i].direction[1],
-                                     (double)d->lamps[i].direction[2]};
+    for (size_t i = 0; i < PCI_LAMPS; ++i) {
+        const double direction[3] = {(double)dome->directions[0][i], (double)dome->directions[1][i],
+                                     (double)dome->directions[2][i]};
         const double lobe = fmax(pci_dot(direction, key), 0.0);
         const double sky = 0.5 + 0.5 * pci_dot(direction, camera->up);
         const double intensity = 0.2 + 0.3 * sky + 2.6 * lobe * lobe * lobe * lobe;
-        d->intensities[i] = (float)intensity;
+        intensities[i] = (float)intensity;
         total += intensity * fmax(pci_dot(direction, camera->towards), 0.0);
     }
-    for (size_t i = 0; i < LAMPS; ++i) {
-        d->intensities[i] /= (float)total;
+    for (size_t i = 0; i < PCI_LAMPS; ++i) {
+        intensities[i] /= (float)total;
     }
 }
 
-static void set_encoding(drawing *d) {
+void pci_renderer_set(pci_renderer *renderer, pc_context *context, pci_image *image) {
+    renderer->context = context;
+    renderer->image = image;
+    pci_dome_set(&renderer->dome);
     for (size_t i = 0; i <= 4096; ++i) {
         const double linear = (double)i / 4096.0;
         const double value =
             linear <= 0.0031308 ? 12.92 * linear : 1.055 * pow(linear, 1.0 / 2.4) - 0.055;
-        d->encoded[i] = (uint8_t)(255.0 * value + 0.5);
+        renderer->encoded[i] = (uint8_t)(255.0 * value + 0.5);
     }
     for (size_t i = 0; i < 256; ++i) {
         const double value = (double)i / 255.0;
-        d->decoded[i] =
+        renderer->decoded[i] =
             (float)(value <= 0.04045 ? value / 12.92 : pow((value + 0.055) / 1.055, 2.4));
     }
 }
 
-static uint8_t encode(const drawing *d, float linear) {
+static uint8_t encode(const pci_renderer *renderer, float linear) {
     const float clamped = !(linear > 0.0F) ? 0.0F : linear > 1.0F ? 1.0F : linear;
-    return d->encoded[(size_t)(clamped * 4096.0F + 0.5F)];
+    return renderer->encoded[(size_t)(clamped * 4096.0F + 0.5F)];
 }
 
-// What a sample sees of its triangle.
-typedef struct surface_point {
-    double weights[3];   // barycentric
-    double distances[3]; // to the edge from corner c to c + 1, samples
-    bool front;
-} surface_point;
+// ---- what is seen -----------------------------------------------------------------------------
 
-static surface_point locate(const drawing *d, uint32_t triangle, double x, double y) {
+typedef struct drawing {
+    const pci_renderer *renderer;
+    const pci_model *model;
+    pci_style style;
+    size_t size;                          // of the pictures
+    double *corners;                      // #V by 3, x, y, depth in samples
+    uint8_t *fronts;                      // #F: seen from its front
+    size_t *band_offsets;                 // #bands + 1
+    uint32_t *band_triangles;             // that may cover samples of a band, ascending
+    uint32_t (*band_columns)[2];          // #bands, pixels from the first to before the second
+    float intensities[PCI_LAMPS];         // as seen from this camera
+    double edge_half_width, border_width; // samples
+    double back_offset;
+    const pci_picture *pictures;
+    size_t picture_count;
+    struct band *bands; // one per worker
+} drawing;
+
+// Barycentric coordinates are linear in x and y.
+typedef struct gauge {
+    uint32_t triangle;
+    double slopes[3][2], offsets[3];
+    double margins[3]; // below these a point is on the edge opposite of the corner
+} gauge;
+
+// What some samples of a pixel see in one light.
+typedef struct fragment {
+    uint32_t pixel; // of the band
+    uint32_t triangle;
+    uint32_t samples;
+    float depth;
+    float weights[3]; // barycentric
+} fragment;
+
+// Rows of pixels, the work of one piece.
+typedef struct band {
+    pci_canvas samples;
+    uint8_t *covered, *on_edges; // samples of each pixel
+    fragment *fragments;         // those of a pixel follow each other
+    pci_lit_points points;       // of the fragments
+    gauge gauge;                 // of the triangle at hand
+} band;
+
+static void set_gauge(const drawing *d, uint32_t triangle, gauge *g) {
     const uint32_t *v = &d->model->mesh->triangles[3 * (size_t)triangle];
-    surface_point p;
-    double total = 0.0;
-    for (size_t c = 0; c < 3; ++c) {
-        const double *a = &d->corners[3 * (size_t)v[c]];
-        const double *b = &d->corners[3 * (size_t)v[(c + 1) % 3]];
-        const double across = (b[0] - a[0]) * (y - a[1]) - (x - a[0]) * (b[1] - a[1]);
-        p.weights[(c + 2) % 3] = across;
-        p.distances[c] = 0.0;
-        total += across;
-        if (d->style != PCI_STYLE_SURFACE) {
-            const double length =
-                sqrt((b[0] - a[0]) * (b[0] - a[0]) + (b[1] - a[1]) * (b[1] - a[1]));
-            p.distances[c] = length > 0.0 ? fabs(across) / length : 0.0;
-        }
-    }
-    p.front = total < 0.0; // y points down
-    for (size_t c = 0; c < 3; ++c) {
-        p.weights[c] = total != 0.0 ? p.weights[c] / total : 1.0 / 3.0;
-    }
-    return p;
-}
-
-static bool on_edge(const drawing *d, uint32_t triangle, const surface_point *p) {
     const unsigned borders = d->model->borders[triangle];
+    const double *corners[3];
     for (size_t c = 0; c < 3; ++c) {
-        if (p->distances[c] < (borders >> c & 1U ? d->border_width : d->edge_half_width)) {
-            return true;
+        corners[c] = &d->corners[3 * (size_t)v[c]];
+    }
+    const double *a = corners[0], *b = corners[1], *c = corners[2];
+    const double total = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]);
+    const double scale = total != 0.0 ? 1.0 / total : 0.0;
+    for (size_t k = 0; k < 3; ++k) {
+        const double *from = corners[(k + 1) % 3], *to = corners[(k + 2) % 3];
+        const double x = scale * (to[0] - from[0]), y = scale * (to[1] - from[1]);
+        g->slopes[k][0] = -y;
+        g->slopes[k][1] = x;
+        g->offsets[k] = from[0] * y - from[1] * x;
+        if (d->style != PCI_STYLE_SURFACE) {
+            g->margins[k] = sqrt(x * x + y * y) *
+                            (borders >> (k + 1) % 3 & 1U ? d->border_width : d->edge_half_width);
         }
     }
-    return false;
+    g->triangle = triangle;
 }
 
-static void color_at(const pci_model *model, uint32_t triangle, const surface_point *p,
-                     float color[3]) {
-    if (model->colors == NULL) {
-        memcpy(color, p->front ? front_albedo : back_albedo, sizeof(front_albedo));
-        return;
+static const gauge *gauge_of(const drawing *d, band *b, uint32_t triangle) {
+    if (b->gauge.triangle != triangle) {
+        set_gauge(d, triangle, &b->gauge);
     }
-    memset(color, 0, sizeof(front_albedo));
-    for (size_t c = 0; c < 3; ++c) {
-        const float *corner =
-            &model->colors[3 * (size_t)model->mesh->triangles[3 * (size_t)triangle + c]];
-        for (size_t k = 0; k < 3; ++k) {
-            color[k] += (float)p->weights[c] * corner[k];
-        }
-    }
+    return &b->gauge;
 }
 
-static float light_at(const drawing *d, uint32_t triangle, const surface_point *p) {
+static inline double weight_at(const gauge *g, size_t corner, double x, double y) {
+    return g->slopes[corner][0] * x + g->slopes[corner][1] * y + g->offsets[corner];
+}
+
+static bool on_edge(const gauge *g, double x, double y) {
+    return fabs(weight_at(g, 0, x, y)) < g->margins[0] ||
+           fabs(weight_at(g, 1, x, y)) < g->margins[1] ||
+           fabs(weight_at(g, 2, x, y)) < g->margins[2];
+}
+
+static void add_fragment(const drawing *d, band *b, uint32_t pixel, uint32_t triangle, float depth,
+                         double x, double y) {
     const pci_model *model = d->model;
+    const gauge *g = gauge_of(d, b, triangle);
+    const size_t i = b->points.count++;
+    fragment *f = &b->fragments[i];
+    *f = (fragment){.pixel = pixel, .triangle = triangle, .depth = depth};
     float normal[3] = {0.0F, 0.0F, 0.0F}, point[3] = {0.0F, 0.0F, 0.0F};
     for (size_t c = 0; c < 3; ++c) {
-        const float weight = (float)p->weights[c];
+        const float weight = (float)weight_at(g, c, x, y);
         const size_t v = model->mesh->triangles[3 * (size_t)triangle + c];
+        f->weights[c] = weight;
         for (size_t k = 0; k < 3; ++k) {
             point[k] += weight * model->points[3 * v + k];
             normal[k] += weight * model->normals[9 * (size_t)triangle + 3 * c + k];
         }
     }
     const float length = sqrtf(dot(normal, normal));
-    const float scale = (p->front ? 1.0F : -1.0F) / (length > 0.0F ? length : 1.0F);
+    const float scale = (d->fronts[triangle] ? 1.0F : -1.0F) / (length > 0.0F ? length : 1.0F);
     for (size_t k = 0; k < 3; ++k) {
-        normal[k] *= scale;
+        b->points.normal[k][i] = normal[k] * scale;
         // One and a half texels off the surface, so that it does not shade itself.
-        point[k] += normal[k] * (3.0F / SHADOW_SIDE);
+        b->points.position[k][i] = point[k] + normal[k] * scale * (3.0F / PCI_SHADOW_SIDE);
     }
-    float light = 0.0F;
-    for (size_t i = 0; i < LAMPS; ++i) {
-        const float cosine = dot(normal, d->lamps[i].direction);
-        if (cosine > 0.0F) {
-            float mapped[3];
-            to_lamp(&d->lamps[i], point, mapped);
-            const float *depths = &model->shadows[i * SHADOW_SIDE * SHADOW_SIDE];
-            light += d->intensities[i] * cosine * visibility(depths, mapped);
-        }
-    }
-    return light;
 }
 
-// Averages the samples of one pixel.
-static void resolve_pixel(const drawing *d, const canvas *band, size_t column, size_t row) {
-    uint8_t *pixel =
-        &d->image->pixels[3 * ((d->tile.y + row) * d->image->width + d->tile.x + column)];
-    float sum[3] = {0.0F, 0.0F, 0.0F}, lights[SAMPLES * SAMPLES], seen_depths[SAMPLES * SAMPLES];
-    uint32_t seen[SAMPLES * SAMPLES];
-    bool fronts[SAMPLES * SAMPLES];
-    size_t seen_count = 0, covered = 0, on_edges = 0;
-    for (size_t s = 0; s < SAMPLES * SAMPLES; ++s) {
-        const size_t x = SAMPLES * column + s % SAMPLES, y = SAMPLES * row + s / SAMPLES;
-        const size_t at = (y - band->first_row) * band->width + x;
-        const uint32_t triangle = band->triangles[at];
+// Light changes slowly: once per pixel and smooth surface is enough.
+static bool same_light(const drawing *d, const fragment *f, uint32_t triangle, float depth) {
+    return f->triangle == triangle || (d->fronts[f->triangle] == d->fronts[triangle] &&
+                                       fabsf(f->depth - depth) <= 2.0F * SAMPLES &&
+                                       dot(&d->model->normals[9 * (size_t)f->triangle],
+                                           &d->model->normals[9 * (size_t)triangle]) >= 0.95F);
+}
+
+// Adds a sample, at (x, y), to what has the same light in a pixel whose fragments start at `first`.
+static void light_sample(const drawing *d, band *b, size_t first, uint32_t pixel, uint32_t triangle,
+                         size_t sample, double x, double y) {
+    const float depth = b->samples.depths[sample];
+    size_t i = first;
+    while (i < b->points.count && !same_light(d, &b->fragments[i], triangle, depth)) {
+        ++i;
+    }
+    if (i == b->points.count) {
+        add_fragment(d, b, pixel, triangle, depth, x, y);
+    }
+    ++b->fragments[i].samples;
+}
+
+static void look_through_pixel(const drawing *d, band *b, size_t column, size_t row) {
+    // Light is taken where the first of them is, in the middle.
+    static const uint8_t order[SAMPLES * SAMPLES] = {4, 0, 1, 2, 3, 5, 6, 7, 8};
+    const uint32_t pixel = (uint32_t)(row * d->size + column);
+    const size_t first = b->points.count, corner = SAMPLES * (row * b->samples.width + column);
+    unsigned covered = 0, on_edges = 0;
+    for (size_t k = 0; k < SAMPLES * SAMPLES; ++k) {
+        const size_t across = order[k] % SAMPLES, down = order[k] / SAMPLES;
+        const size_t sample = corner + down * b->samples.width + across;
+        const uint32_t triangle = b->samples.triangles[sample];
         if (triangle == PC_INVALID_INDEX) {
             continue;
         }
         ++covered;
-        const surface_point p = locate(d, triangle, (double)x + 0.5, (double)y + 0.5);
-        if (d->style != PCI_STYLE_SURFACE && on_edge(d, triangle, &p)) {
+        const double x = (double)(uint32_t)(SAMPLES * column + across) + 0.5;
+        const double y = (double)(uint32_t)(b->samples.first_row + SAMPLES * row + down) + 0.5;
+        if (d->style != PCI_STYLE_SURFACE && on_edge(gauge_of(d, b, triangle), x, y)) {
             ++on_edges;
-            continue;
-        }
-        if (d->style == PCI_STYLE_EDGES_ON_TOP) {
-            continue;
-        }
-        // Light changes slowly: once per pixel and smooth surface is enough.
-        const float depth = band->depths[at];
-        size_t i = 0;
-        while (i < seen_count && seen[i] != triangle &&
-               (fronts[i] != p.front || fabsf(seen_depths[i] - depth) > 2.0F * SAMPLES ||
-                dot(&d->model->normals[9 * (size_t)seen[i]],
-                    &d->model->normals[9 * (size_t)triangle]) < 0.95F)) {
-            ++i;
-        }
-        if (i == seen_count) {
-            seen[seen_count] = triangle;
-            seen_depths[seen_count] = depth;
-            fronts[seen_count] = p.front;
-            lights[seen_count++] = light_at(d, triangle, &p);
-        }
-        float albedo[3];
-        color_at(d->model, triangle, &p, albedo);
-        for (size_t k = 0; k < 3; ++k) {
-            const float value = albedo[k] * lights[i];
-            sum[k] += value < 1.0F ? value : 1.0F;
+        } else if (d->style != PCI_STYLE_EDGES_ON_TOP) {
+            light_sample(d, b, first, pixel, triangle, sample, x, y);
         }
     }
-    if (covered == 0 || (d->style == PCI_STYLE_EDGES_ON_TOP && on_edges == 0)) {
+    b->covered[pixel] = (uint8_t)covered;
+    b->on_edges[pixel] = (uint8_t)on_edges;
+}
+
+static void rasterize_band(const drawing *d, size_t index, band *b) {
+    pci_canvas *samples = &b->samples;
+    for (size_t row = 0; row < samples->row_count; ++row) {
+        for (size_t i = row * samples->width + samples->left;
+             i < row * samples->width + samples->right; ++i) {
+            samples->depths[i] = -INFINITY;
+            samples->triangles[i] = PC_INVALID_INDEX;
+        }
+    }
+    const size_t begin = d->band_offsets[index], end = d->band_offsets[index + 1];
+    d->renderer->dome.kernel->cover(samples, d->corners, d->model->mesh->triangles,
+                                    &d->band_triangles[begin], end - begin);
+}
+
+// ---- pictures ---------------------------------------------------------------------------------
+
+static void color_of(const drawing *d, const float *colors, const fragment *f, float color[3]) {
+    if (colors == NULL) {
+        memcpy(color, d->fronts[f->triangle] ? front_albedo : back_albedo, sizeof(front_albedo));
         return;
     }
-    const float share = 1.0F / (SAMPLES * SAMPLES);
-    for (size_t k = 0; k < 3; ++k) {
-        const float before = d->decoded[pixel[k]];
-        if (d->style == PCI_STYLE_EDGES_ON_TOP) {
-            const float opacity = OVERLAY_OPACITY * share * (float)on_edges;
-            pixel[k] = encode(d, before + opacity * (edge_color[k] - before));
-        } else {
-            const float open = (float)(SAMPLES * SAMPLES - covered);
-            pixel[k] =
-                encode(d, share * (sum[k] + open * before + (float)on_edges * edge_color[k]));
+    memset(color, 0, sizeof(front_albedo));
+    for (size_t c = 0; c < 3; ++c) {
+        const float *corner =
+            &colors[3 * (size_t)d->model->mesh->triangles[3 * (size_t)f->triangle + c]];
+        for (size_t k = 0; k < 3; ++k) {
+            color[k] += f->weights[c] * corner[k];
         }
+    }
+}
+
+static void paint_pixel(const drawing *d, const band *b, size_t i, const float sum[3],
+                        uint8_t *pixel) {
+    const float share = 1.0F / (SAMPLES * SAMPLES), on_edges = (float)b->on_edges[i];
+    for (size_t k = 0; k < 3; ++k) {
+        const float before = d->renderer->decoded[pixel[k]];
+        if (d->style == PCI_STYLE_EDGES_ON_TOP) {
+            const float opacity = OVERLAY_OPACITY * share * on_edges;
+            pixel[k] = encode(d->renderer, before + opacity * (edge_color[k] - before));
+        } else {
+            const float open = (float)(SAMPLES * SAMPLES - b->covered[i]);
+            pixel[k] =
+                encode(d->renderer, share * (sum[k] + open * before + on_edges * edge_color[k]));
+        }
+    }
+}
+
+// Averages the samples of each pixel.
+static void paint_band(const drawing *d, const band *b, const pci_picture *picture,
+                       size_t first_row, size_t row_count) {
+    const pci_image *image = d->renderer->image;
+    const size_t left = b->samples.left / SAMPLES, right = b->samples.right / SAMPLES;
+    size_t next = 0;
+    for (size_t k = 0; k < row_count * (right - left); ++k) {
+        const size_t row = k / (right - left), column = left + k % (right - left);
+        const size_t i = row * d->size + column;
+        if (b->covered[i] == 0 || (d->style == PCI_STYLE_EDGES_ON_TOP && b->on_edges[i] == 0)) {
+            continue;
+        }
+        float sum[3] = {0.0F, 0.0F, 0.0F};
+        for (; next < b->points.count && b->fragments[next].pixel == i; ++next) {
+            const fragment *f = &b->fragments[next];
+            float color[3];
+            color_of(d, picture->colors, f, color);
+            for (size_t c = 0; c < 3; ++c) {
+                const float value = color[c] * b->points.light[next];
+                sum[c] += (float)f->samples * (value < 1.0F ? value : 1.0F);
+            }
+        }
+        const size_t x = picture->tile.x + column, y = picture->tile.y + first_row + row;
+        paint_pixel(d, b, i, sum, &image->pixels[3 * (y * image->width + x)]);
     }
 }
 
 static void draw_bands(void *user, size_t begin, size_t end, uint32_t worker) {
     const drawing *d = user;
-    const pc_mesh *mesh = d->model->mesh;
-    const size_t width = SAMPLES * d->tile.size, samples = width * BAND_ROWS * SAMPLES;
-    const double back_offset = BACK_OFFSET * d->model->radius * d->camera->scale * SAMPLES;
+    band *b = &d->bands[worker];
     for (size_t i = begin; i < end; ++i) {
         const size_t first = i * BAND_ROWS;
-        const size_t rows = d->tile.size - first < BAND_ROWS ? d->tile.size - first : BAND_ROWS;
-        canvas band = {width, first * SAMPLES, rows * SAMPLES, &d->depths[worker * samples],
-                       &d->triangles[worker * samples]};
-        for (size_t k = 0; k < samples; ++k) {
-            band.depths[k] = -INFINITY;
+        const size_t rows = d->size - first < BAND_ROWS ? d->size - first : BAND_ROWS;
+        b->samples.first_row = (uint32_t)(first * SAMPLES);
+        b->samples.row_count = (uint32_t)(rows * SAMPLES);
+        b->samples.left = SAMPLES * d->band_columns[i][0];
+        b->samples.right = SAMPLES * d->band_columns[i][1];
+        b->points.count = 0;
+        b->gauge.triangle = PC_INVALID_INDEX;
+        rasterize_band(d, i, b);
+        for (size_t row = 0; row < rows; ++row) {
+            for (size_t column = d->band_columns[i][0]; column < d->band_columns[i][1]; ++column) {
+                look_through_pixel(d, b, column, row);
+            }
         }
-        memset(band.triangles, 0xff, samples * sizeof(*band.triangles));
-        const double top = (double)band.first_row;
-        const double bottom = (double)(band.first_row + band.row_count);
-        for (size_t t = 0; t < mesh->triangle_count; ++t) {
-            double corner[3][3];
-            for (size_t c = 0; c < 3; ++c) {
-                memcpy(corner[c], &d->corners[3 * (size_t)mesh->triangles[3 * t + c]],
-                       sizeof(corner[c]));
-            }
-            if (larger(larger(corner[0][1], corner[1][1]), corner[2][1]) < top ||
-                smaller(smaller(corner[0][1], corner[1][1]), corner[2][1]) > bottom) {
-                continue;
-            }
-            const double area = (corner[1][0] - corner[0][0]) * (corner[2][1] - corner[0][1]) -
-                                (corner[2][0] - corner[0][0]) * (corner[1][1] - corner[0][1]);
-            for (size_t c = 0; c < 3 && area > 0.0; ++c) {
-                corner[c][2] -= back_offset;
-            }
-            rasterize(&band, corner[0], corner[1], corner[2], (uint32_t)t);
+        if (d->style != PCI_STYLE_EDGES_ON_TOP) {
+            d->renderer->dome.kernel->light(&d->renderer->dome, d->intensities, d->model->shadows,
+                                            &b->points);
         }
-        for (size_t row = first; row < first + rows; ++row) {
-            for (size_t column = 0; column < d->tile.size; ++column) {
-                resolve_pixel(d, &band, column, row);
-            }
+        for (size_t k = 0; k < d->picture_count; ++k) {
+            paint_band(d, b, &d->pictures[k], first, rows);
         }
     }
 }
 
-bool pci_draw(pc_context *context, pci_scratch *scratch, const pci_model *model,
-              const pci_camera *camera, pci_style style, pci_tile tile, pci_image *image) {
-    const size_t band = SAMPLES * tile.size * BAND_ROWS * SAMPLES;
-    const size_t vertex_count = model->mesh->vertex_count;
-    const uint32_t workers = pc_context_threads(context);
-    drawing *d = PCI_SCRATCH(scratch, drawing, 1);
-    double *corners = PCI_SCRATCH(scratch, double, 3 * vertex_count);
-    float *depths = PCI_SCRATCH(scratch, float, workers *band);
-    uint32_t *triangles = PCI_SCRATCH(scratch, uint32_t, workers * band);
-    if (scratch->failed) {
-        return false;
-    }
-    *d = (drawing){.model = model, .camera = camera, .style = style, .tile = tile, .image = image};
-    d->corners = corners, d->depths = depths, d->triangles = triangles;
-    d->edge_half_width = 0.5 * EDGE_WIDTH * SAMPLES * fmax(1.0, (double)tile.size / 360.0);
-    d->border_width = 0.5 * BORDER_WIDTH * SAMPLES * fmax(1.0, (double)tile.size / 360.0);
-    set_lamps(d);
-    set_encoding(d);
-    const double middle = 0.5 * (double)tile.size;
-    for (size_t v = 0; v < vertex_count; ++v) {
+static void project_corners(drawing *d, const pci_camera *camera) {
+    const pci_model *model = d->model;
+    const double middle = 0.5 * (double)d->size;
+    for (size_t v = 0; v < model->mesh->vertex_count; ++v) {
         const double *p = &model->mesh->positions[3 * v];
         double offset[3]; // depths as floats need a near origin
         pci_sub(p, model->centre, offset);
         const double x = camera->scale * (pci_dot(p, camera->right) - camera->centre[0]);
         const double y = camera->scale * (pci_dot(p, camera->up) - camera->centre[1]);
-        corners[3 * v] = SAMPLES * (middle + x);
-        corners[3 * v + 1] = SAMPLES * (middle - y);
-        corners[3 * v + 2] = SAMPLES * camera->scale * pci_dot(offset, camera->towards);
+        d->corners[3 * v] = SAMPLES * (middle + x);
+        d->corners[3 * v + 1] = SAMPLES * (middle - y);
+        d->corners[3 * v + 2] = SAMPLES * camera->scale * pci_dot(offset, camera->towards);
     }
-    const size_t bands = (tile.size + BAND_ROWS - 1) / BAND_ROWS;
-    pci_parallel_for(context, bands, 1, draw_bands, d);
+}
+
+// Bands whose samples a triangle may cover, from `first` to before `end`, and columns of samples.
+typedef struct band_range {
+    uint32_t first, end, left, right;
+} band_range;
+
+static band_range bands_of(const drawing *d, size_t triangle, uint8_t *front) {
+    const uint32_t *v = &d->model->mesh->triangles[3 * triangle];
+    const double *a = &d->corners[3 * (size_t)v[0]], *b = &d->corners[3 * (size_t)v[1]];
+    const double *c = &d->corners[3 * (size_t)v[2]];
+    const uint32_t side = (uint32_t)(SAMPLES * d->size), rows = SAMPLES * BAND_ROWS;
+    // y points down
+    *front = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]) > 0.0 ? 0 : 1;
+    const uint32_t left = pci_first_sample(smaller(smaller(a[0], b[0]), c[0]), 0, side);
+    const uint32_t right = pci_first_sample(larger(larger(a[0], b[0]), c[0]), 0, side);
+    const uint32_t top = pci_first_sample(smaller(smaller(a[1], b[1]), c[1]), 0, side);
+    const uint32_t bottom = pci_first_sample(larger(larger(a[1], b[1]), c[1]), 0, side);
+    if (left == right || top == bottom) {
+        return (band_range){0};
+    }
+    return (band_range){top / rows, (bottom - 1) / rows + 1, left, right};
+}
+
+static void extend_columns(uint32_t columns[2], const band_range *range) {
+    const uint32_t left = range->left / SAMPLES, right = (range->right - 1) / SAMPLES + 1;
+    columns[0] = columns[1] == 0 || left < columns[0] ? left : columns[0];
+    columns[1] = right > columns[1] ? right : columns[1];
+}
+
+// Lists the triangles of each band.
+static bool sort_into_bands(pci_scratch *scratch, drawing *d, size_t band_count) {
+    const size_t count = d->model->mesh->triangle_count;
+    band_range *ranges = PCI_SCRATCH(scratch, band_range, count);
+    d->fronts = PCI_SCRATCH(scratch, uint8_t, count);
+    d->band_offsets = PCI_SCRATCH(scratch, size_t, band_count + 2);
+    d->band_columns = pci_scratch_allocate(scratch, band_count, sizeof(*d->band_columns));
+    if (scratch->failed) {
+        return false;
+    }
+    size_t *next = d->band_offsets + 1; // ends as the first index of each band plus its count
+    for (size_t t = 0; t < count; ++t) {
+        ranges[t] = bands_of(d, t, &d->fronts[t]);
+        for (uint32_t i = ranges[t].first; i < ranges[t].end; ++i) {
+            ++next[i + 1];
+            extend_columns(d->band_columns[i], &ranges[t]);
+        }
+    }
+    for (size_t i = 0; i < band_count; ++i) {
+        next[i + 1] += next[i];
+    }
+    d->band_triangles = PCI_SCRATCH(scratch, uint32_t, next[band_count]);
+    if (scratch->failed) {
+        return false;
+    }
+    for (size_t t = 0; t < count; ++t) {
+        for (uint32_t i = ranges[t].first; i < ranges[t].end; ++i) {
+            d->band_triangles[next[i]++] = (uint32_t)t;
+        }
+    }
     return true;
+}
+
+static bool make_bands(pci_scratch *scratch, drawing *d, uint32_t workers) {
+    const size_t pixels = d->size * BAND_ROWS, samples = SAMPLES * SAMPLES * pixels;
+    d->bands = PCI_SCRATCH(scratch, band, workers);
+    for (uint32_t i = 0; i < workers && !scratch->failed; ++i) {
+        band *b = &d->bands[i];
+        b->samples.width = (uint32_t)(SAMPLES * d->size);
+        b->samples.depths = PCI_SCRATCH(scratch, float, samples + PCI_CANVAS_PADDING);
+        b->samples.triangles = PCI_SCRATCH(scratch, uint32_t, samples + PCI_CANVAS_PADDING);
+        b->samples.back_offset = d->back_offset;
+        b->covered = PCI_SCRATCH(scratch, uint8_t, pixels);
+        b->on_edges = PCI_SCRATCH(scratch, uint8_t, pixels);
+        if (d->style != PCI_STYLE_EDGES_ON_TOP) {
+            b->fragments = PCI_SCRATCH(scratch, fragment, samples);
+            pci_lit_points_reserve(scratch, samples, &b->points);
+        }
+    }
+    return !scratch->failed;
+}
+
+bool pci_draw(const pci_renderer *renderer, const pci_model *model, const pci_camera *camera,
+              pci_style style, const pci_picture *pictures, size_t picture_count) {
+    const size_t size = pictures[0].tile.size, bands = (size + BAND_ROWS - 1) / BAND_ROWS;
+    const double detail = fmax(1.0, (double)size / 360.0);
+    pci_scratch scratch = pci_scratch_begin(renderer->context);
+    drawing d = {.renderer = renderer,
+                 .model = model,
+                 .style = style,
+                 .size = size,
+                 .pictures = pictures,
+                 .picture_count = picture_count,
+                 .edge_half_width = 0.5 * EDGE_WIDTH * SAMPLES * detail,
+                 .border_width = 0.5 * BORDER_WIDTH * SAMPLES * detail,
+                 .back_offset = BACK_OFFSET * model->radius * camera->scale * SAMPLES};
+    d.corners = PCI_SCRATCH(&scratch, double, 3 * model->mesh->vertex_count);
+    bool drawn = !scratch.failed && make_bands(&scratch, &d, pc_context_threads(renderer->context));
+    if (drawn) {
+        project_corners(&d, camera);
+        drawn = sort_into_bands(&scratch, &d, bands);
+    }
+    if (drawn) {
+        set_intensities(&renderer->dome, camera, d.intensities);
+        pci_parallel_for(renderer->context, bands, 1, draw_bands, &d);
+    }
+    pci_scratch_end(&scratch);
+    return drawn;
 }

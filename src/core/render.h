@@ -4,7 +4,8 @@
 #ifndef PCI_RENDER_H
 #define PCI_RENDER_H
 
-#include "core/core.h"
+#include "core/dome.h"
+#include "core/topology.h"
 #include "proxycloth/mesh.h"
 
 typedef struct pci_image {
@@ -23,16 +24,26 @@ typedef struct pci_camera {
     double scale;                       // pixels per unit
 } pci_camera;
 
+// What all drawings into an image share; holds no memory.
+typedef struct pci_renderer {
+    pc_context *context;
+    pci_image *image;
+    pci_dome dome;
+    float decoded[256];    // sRGB to linear
+    uint8_t encoded[4097]; // linear to sRGB
+} pci_renderer;
+
+void pci_renderer_set(pci_renderer *renderer, pc_context *context, pci_image *image);
+
 // A mesh prepared for drawing; arrays live in scratch memory.
 typedef struct pci_model {
     const pc_mesh *mesh;
-    float *points;    // #V by 3, relative to centre and radius
-    float *normals;   // #F by 3 by 3, unit, one per corner
-    uint8_t *borders; // #F, bit c: no other triangle at the edge from corner c to c + 1
+    const pci_topology *topology;
+    const uint8_t *borders; // #F, bit c: no other triangle at the edge from corner c to c + 1
+    float *points;          // #V by 3, relative to centre and radius
     double centre[3], radius;
-    float *shadows; // depth seen from each lamp of the dome; NULL: unlit
-    // #V by 3, linear, of both sides; the caller's. NULL: front sides grey, back sides blue.
-    const float *colors;
+    float *normals;    // #F by 3 by 3, unit, one per corner; NULL: unlit
+    uint16_t *shadows; // see core/dome.h; NULL: unlit
 } pci_model;
 
 typedef enum pci_look {
@@ -41,18 +52,26 @@ typedef enum pci_look {
     PCI_LOOK_UNLIT // for PCI_STYLE_EDGES_ON_TOP only
 } pci_look;
 
-// Computes normals and shadows. False: out of memory.
-bool pci_model_build(pc_context *context, pci_scratch *scratch, const pc_mesh *mesh, pci_look look,
-                     pci_model *model);
+// Computes normals and shadows. `like`: a model of the same triangles, which lives longer; or NULL.
+// False: out of memory.
+bool pci_model_build(const pci_renderer *renderer, pci_scratch *scratch, const pc_mesh *mesh,
+                     pci_look look, const pci_model *like, pci_model *model);
 
 typedef enum pci_style {
-    PCI_STYLE_SURFACE,           // front sides grey, back sides blue
+    PCI_STYLE_SURFACE,           // lit
     PCI_STYLE_SURFACE_AND_EDGES, // and dark edges, border edges bolder
     PCI_STYLE_EDGES_ON_TOP       // only edges, half transparent, over what is there already
 } pci_style;
 
-// Draws over the tile; pixels that the model does not cover stay. False: out of memory.
-bool pci_draw(pc_context *context, pci_scratch *scratch, const pci_model *model,
-              const pci_camera *camera, pci_style style, pci_tile tile, pci_image *image);
+typedef struct pci_picture {
+    pci_tile tile;
+    // #V by 3, linear, of both sides. NULL: front sides grey, back sides blue.
+    const float *colors;
+} pci_picture;
+
+// Draws what a camera sees into tiles of one size, each with colours of its own; pixels that the
+// model does not cover stay. False: out of memory.
+bool pci_draw(const pci_renderer *renderer, const pci_model *model, const pci_camera *camera,
+              pci_style style, const pci_picture *pictures, size_t picture_count);
 
 #endif

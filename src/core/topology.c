@@ -387,8 +387,7 @@ bool pci_mesh_compact(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *
     return true;
 }
 
-// Twice the triangle's area times its unit normal.
-static void area_vector(const pc_mesh *mesh, size_t triangle, double out[3]) {
+void pci_triangle_vector(const pc_mesh *mesh, size_t triangle, double out[3]) {
     const uint32_t *corner = &mesh->triangles[3 * triangle];
     double ab[3], ac[3];
     pci_sub(&mesh->positions[3 * (size_t)corner[1]], &mesh->positions[3 * (size_t)corner[0]], ab);
@@ -396,11 +395,21 @@ static void area_vector(const pc_mesh *mesh, size_t triangle, double out[3]) {
     pci_cross(ab, ac, out);
 }
 
+void pci_triangle_middle(const pc_mesh *mesh, size_t triangle, double out[3]) {
+    const uint32_t *corner = &mesh->triangles[3 * triangle];
+    const double *a = &mesh->positions[3 * (size_t)corner[0]];
+    const double *b = &mesh->positions[3 * (size_t)corner[1]];
+    const double *c = &mesh->positions[3 * (size_t)corner[2]];
+    for (size_t k = 0; k < 3; ++k) {
+        out[k] = (a[k] + b[k] + c[k]) / 3.0;
+    }
+}
+
 void pci_vertex_normals(const pc_mesh *mesh, double *normals) {
     memset(normals, 0, 3 * mesh->vertex_count * sizeof(*normals));
     for (size_t t = 0; t < mesh->triangle_count; ++t) {
         double normal[3];
-        area_vector(mesh, t, normal);
+        pci_triangle_vector(mesh, t, normal);
         for (size_t c = 0; c < 3; ++c) {
             double *at = &normals[3 * (size_t)mesh->triangles[3 * t + c]];
             at[0] += normal[0], at[1] += normal[1], at[2] += normal[2];
@@ -465,8 +474,16 @@ pc_status pci_check_mesh_of_cells(pc_context *context, const char *stage, const 
 
 double pci_triangle_area(const pc_mesh *mesh, size_t triangle) {
     double normal[3];
-    area_vector(mesh, triangle, normal);
+    pci_triangle_vector(mesh, triangle, normal);
     return 0.5 * pci_norm(normal);
+}
+
+double pc_mesh_area(const pc_mesh *mesh) {
+    double sum = 0.0;
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        sum += pci_triangle_area(mesh, t);
+    }
+    return sum;
 }
 
 void pci_bounding_box(const pc_mesh *mesh, double minimum[3], double maximum[3]) {

@@ -71,6 +71,9 @@ PC_NODISCARD pc_status pci_check_mesh_of_cells(pc_context *context, const char *
                                                const pc_mesh *mesh, const char *name,
                                                double cell_size);
 
+// Twice the triangle's area times its unit normal.
+void pci_triangle_vector(const pc_mesh *mesh, size_t triangle, double out[3]);
+void pci_triangle_middle(const pc_mesh *mesh, size_t triangle, double out[3]);
 double pci_triangle_area(const pc_mesh *mesh, size_t triangle);
 void pci_bounding_box(const pc_mesh *mesh, double minimum[3], double maximum[3]);
 double pci_diagonal(const pc_mesh *mesh);

@@ -39,6 +39,8 @@ typedef struct sheet {
     size_t columns, rows;
     size_t frame_rows; // of skinned frames, and of their stretch
     pci_image image;
+    pci_renderer renderer;
+    pci_model visual; // also what the frames are like
     size_t exhibit_count;
     exhibit exhibits[6];  // the last one with the colours of the weights
     uint32_t frame_count; // shown
@@ -135,28 +137,57 @@ static bool advance(sheet *s, size_t done) {
                         (double)done / (double)(s->exhibit_count + s->frame_count));
 }
 
-// One exhibit from the front and from the back.
-static bool draw_exhibit(sheet *s, size_t column, const pci_camera cameras[2]) {
-    const exhibit *e = &s->exhibits[column];
-    const bool weights = e->detail == by_bone;
+static bool is_weights(const exhibit *e) { return e->detail == by_bone; }
+
+// The visual mesh from one side and, where there are weights, the same in their colours.
+static bool draw_visual(sheet *s, size_t view, const pci_camera *camera, const pci_model *cage,
+                        const float *colors) {
+    const pci_picture pictures[2] = {{tile_at(s, view, 0), NULL},
+                                     {tile_at(s, view, s->exhibit_count - 1), colors}};
+    const size_t count = cage != NULL ? 2 : 1;
+    return pci_draw(&s->renderer, &s->visual, camera, PCI_STYLE_SURFACE, pictures, count) &&
+           (cage == NULL ||
+            pci_draw(&s->renderer, cage, camera, PCI_STYLE_EDGES_ON_TOP, &pictures[1], 1));
+}
+
+static bool draw_visuals(sheet *s, const pci_camera cameras[2]) {
+    const pc_asset *a = s->asset;
     pci_scratch scratch = pci_scratch_begin(s->context);
-    pci_model model, cage;
-    bool drawn = pci_model_build(s->context, &scratch, e->mesh, e->look, &model);
-    if (drawn && weights) {
-        const float *bone_colors = pci_bone_colors(&scratch, &s->asset->proxy);
-        float *colors = PCI_SCRATCH(&scratch, float, 3 * e->mesh->vertex_count);
+    pci_model cage;
+    float *colors = NULL;
+    bool drawn = true;
+    const bool weights = is_weights(&s->exhibits[s->exhibit_count - 1]);
+    if (weights) {
+        const float *bone_colors = pci_bone_colors(&scratch, &a->proxy);
+        colors = PCI_SCRATCH(&scratch, float, 3 * a->visual.surface.vertex_count);
         drawn = bone_colors != NULL && colors != NULL &&
-                pci_model_build(s->context, &scratch, &s->asset->proxy, PCI_LOOK_UNLIT, &cage);
+                pci_model_build(&s->renderer, &scratch, &a->proxy, PCI_LOOK_UNLIT, NULL, &cage);
         if (drawn) {
-            pci_weight_colors(&s->asset->skin, bone_colors, colors);
-            model.colors = colors;
+            pci_weight_colors(&a->skin, bone_colors, colors);
         }
     }
     for (size_t view = 0; view < 2 && drawn; ++view) {
-        const pci_tile tile = tile_at(s, view, column);
-        drawn = pci_draw(s->context, &scratch, &model, &cameras[view], e->style, tile, &s->image) &&
-                (!weights || pci_draw(s->context, &scratch, &cage, &cameras[view],
-                                      PCI_STYLE_EDGES_ON_TOP, tile, &s->image));
+        drawn = draw_visual(s, view, &cameras[view], weights ? &cage : NULL, colors);
+    }
+    pci_scratch_end(&scratch);
+    return drawn;
+}
+
+// One exhibit from the front and from the back.
+static bool draw_exhibit(sheet *s, size_t column, const pci_camera cameras[2]) {
+    const exhibit *e = &s->exhibits[column];
+    if (column == 0) {
+        return draw_visuals(s, cameras);
+    }
+    if (is_weights(e)) {
+        return true; // together with the visual mesh
+    }
+    pci_scratch scratch = pci_scratch_begin(s->context);
+    pci_model model;
+    bool drawn = pci_model_build(&s->renderer, &scratch, e->mesh, e->look, NULL, &model);
+    for (size_t view = 0; view < 2 && drawn; ++view) {
+        const pci_picture picture = {tile_at(s, view, column), NULL};
+        drawn = pci_draw(&s->renderer, &model, &cameras[view], e->style, &picture, 1);
     }
     pci_scratch_end(&scratch);
     return drawn;
@@ -210,36 +241,41 @@ static double mean_stretch(const pc_mesh *rest, const double *values) {
     return total > 0.0 ? sum / total : 0.0;
 }
 
+static void caption_frame(sheet *s, size_t frame, const pci_picture pictures[2],
+                          const double *values) {
+    const pc_asset *a = s->asset;
+    char name[64], detail[64];
+    snprintf(name, sizeof(name), "skinned, frame %zu", frame + 1);
+    snprintf(detail, sizeof(detail), "%.2f s", a->motion.frame_time * (double)(frame + 1));
+    write_caption(s, pictures[0].tile, name, detail);
+    snprintf(name, sizeof(name), "stretch, frame %zu", frame + 1);
+    snprintf(detail, sizeof(detail), "mean %.1f %%",
+             100.0 * mean_stretch(&a->visual.surface, values));
+    write_caption(s, pictures[1].tile, name, detail);
+}
+
 // A frame with the proxy's edges, and the same coloured by stretch.
 static bool draw_frame(sheet *s, size_t i, const pc_mesh *skinned, const pc_mesh *proxy,
                        const pci_camera *camera) {
-    const pc_asset *a = s->asset;
-    const size_t nv = skinned->vertex_count, frame = shown_frame(s, i);
+    const size_t nv = skinned->vertex_count;
     const size_t row = 2 + i / s->columns, column = i % s->columns;
-    const pci_tile tile = tile_at(s, row, column), below = tile_at(s, row + s->frame_rows, column);
+    const pci_renderer *renderer = &s->renderer;
     pci_scratch scratch = pci_scratch_begin(s->context);
     pci_model garment, cage;
     double *values = PCI_SCRATCH(&scratch, double, nv);
     float *colors = PCI_SCRATCH(&scratch, float, 3 * nv);
-    bool drawn =
+    const pci_picture pictures[2] = {{tile_at(s, row, column), NULL},
+                                     {tile_at(s, row + s->frame_rows, column), colors}};
+    const bool drawn =
         !scratch.failed &&
-        pci_model_build(s->context, &scratch, skinned, PCI_LOOK_SMOOTH, &garment) &&
-        pci_model_build(s->context, &scratch, proxy, PCI_LOOK_UNLIT, &cage) &&
-        pci_draw(s->context, &scratch, &garment, camera, PCI_STYLE_SURFACE, tile, &s->image) &&
-        pci_draw(s->context, &scratch, &cage, camera, PCI_STYLE_EDGES_ON_TOP, tile, &s->image) &&
-        pci_stretch_colors(&scratch, &a->visual.surface, skinned->positions, values, colors);
+        pci_stretch_colors(&scratch, &s->asset->visual.surface, skinned->positions, values,
+                           colors) &&
+        pci_model_build(renderer, &scratch, skinned, PCI_LOOK_SMOOTH, &s->visual, &garment) &&
+        pci_model_build(renderer, &scratch, proxy, PCI_LOOK_UNLIT, NULL, &cage) &&
+        pci_draw(renderer, &garment, camera, PCI_STYLE_SURFACE, pictures, 2) &&
+        pci_draw(renderer, &cage, camera, PCI_STYLE_EDGES_ON_TOP, pictures, 1);
     if (drawn) {
-        garment.colors = colors;
-        drawn =
-            pci_draw(s->context, &scratch, &garment, camera, PCI_STYLE_SURFACE, below, &s->image);
-        char name[64], detail[64];
-        snprintf(name, sizeof(name), "skinned, frame %zu", frame + 1);
-        snprintf(detail, sizeof(detail), "%.2f s", a->motion.frame_time * (double)(frame + 1));
-        write_caption(s, tile, name, detail);
-        snprintf(name, sizeof(name), "stretch, frame %zu", frame + 1);
-        snprintf(detail, sizeof(detail), "mean %.1f %%",
-                 100.0 * mean_stretch(&a->visual.surface, values));
-        write_caption(s, below, name, detail);
+        caption_frame(s, shown_frame(s, i), pictures, values);
     }
     pci_scratch_end(&scratch);
     return drawn;
@@ -312,6 +348,12 @@ pc_status pc_export_contact_sheet(pc_context *context, const pc_asset *asset,
     }
     memset(s.image.pixels, 0xff, 3 * s.image.width * s.image.height);
     write_title(&s);
+    pci_renderer_set(&s.renderer, context, &s.image);
+    if (!pci_model_build(&s.renderer, &scratch, &asset->visual.surface, PCI_LOOK_SMOOTH, NULL,
+                         &s.visual)) {
+        status = pci_fail_memory(context, stage);
+        goto cleanup;
+    }
     status = draw_exhibits(&s);
     if (status == PC_OK && s.frame_count > 0) {
         status = draw_frames(&s);

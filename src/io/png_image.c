@@ -3,6 +3,7 @@
 
 #include <png.h>
 #include <setjmp.h>
+#include <zlib.h>
 
 #include "io/atomic_file.h"
 
@@ -31,8 +32,9 @@ static bool encode(png_structp png, png_infop info, const pci_image *image) {
                  PNG_COLOR_TYPE_RGB, PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT,
                  PNG_FILTER_TYPE_DEFAULT);
     png_set_sRGB(png, info, PNG_sRGB_INTENT_PERCEPTUAL);
-    png_set_filter(png, PNG_FILTER_TYPE_BASE, PNG_FILTER_SUB);
-    png_set_compression_level(png, 6);
+    // For pictures like ours smaller than what the other strategies reach, and the fastest.
+    png_set_filter(png, PNG_FILTER_TYPE_BASE, PNG_FILTER_UP);
+    png_set_compression_strategy(png, Z_RLE);
     png_write_info(png, info);
     for (size_t row = 0; row < image->height; ++row) {
         png_write_row(png, &image->pixels[3 * row * image->width]);

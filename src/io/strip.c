@@ -25,6 +25,7 @@ typedef struct strip {
     const pc_asset *asset;
     size_t tile, columns, title, gap; // pixels
     pci_image image;
+    pci_renderer renderer;
 } strip;
 
 static pci_tile tile_at(const strip *s, strip_row row, size_t column) {
@@ -67,7 +68,7 @@ static pc_status draw_turntable(strip *s) {
     const float *bone_colors = pci_bone_colors(&scratch, &a->proxy);
     float *colors = PCI_SCRATCH(&scratch, float, 3 * surface->vertex_count);
     if (bone_colors == NULL || colors == NULL ||
-        !pci_model_build(s->context, &scratch, surface, PCI_LOOK_SMOOTH, &model)) {
+        !pci_model_build(&s->renderer, &scratch, surface, PCI_LOOK_SMOOTH, NULL, &model)) {
         status = pci_fail_memory(s->context, stage);
         goto cleanup;
     }
@@ -85,16 +86,15 @@ static pc_status draw_turntable(strip *s) {
             if (pass == 0) {
                 continue;
             }
-            pci_scratch round = pci_scratch_begin(s->context);
-            bool drawn = advance(s, i);
-            status = drawn ? PC_OK : pci_fail_cancelled(s->context, stage);
-            for (strip_row row = TURNTABLE; row <= WEIGHTS && drawn; ++row) {
-                model.colors = row == WEIGHTS ? colors : NULL;
-                drawn = pci_draw(s->context, &round, &model, &camera, PCI_STYLE_SURFACE,
-                                 tile_at(s, row, i), &s->image);
-                status = drawn ? PC_OK : pci_fail_memory(s->context, stage);
+            if (!advance(s, i)) {
+                status = pci_fail_cancelled(s->context, stage);
+                continue;
             }
-            pci_scratch_end(&round);
+            const pci_picture pictures[2] = {{tile_at(s, TURNTABLE, i), NULL},
+                                             {tile_at(s, WEIGHTS, i), colors}};
+            if (!pci_draw(&s->renderer, &model, &camera, PCI_STYLE_SURFACE, pictures, 2)) {
+                status = pci_fail_memory(s->context, stage);
+            }
         }
     }
 
@@ -109,15 +109,14 @@ static bool draw_frame(strip *s, size_t column, const pc_mesh *skinned, const pc
     pci_model model;
     double *values = PCI_SCRATCH(&scratch, double, skinned->vertex_count);
     float *colors = PCI_SCRATCH(&scratch, float, 3 * skinned->vertex_count);
-    bool drawn = !scratch.failed &&
-                 pci_stretch_colors(&scratch, &s->asset->visual.surface, skinned->positions, values,
-                                    colors) &&
-                 pci_model_build(s->context, &scratch, skinned, PCI_LOOK_SMOOTH, &model);
-    for (strip_row row = SKINNED; row <= STRETCH && drawn; ++row) {
-        model.colors = row == STRETCH ? colors : NULL;
-        drawn = pci_draw(s->context, &scratch, &model, camera, PCI_STYLE_SURFACE,
-                         tile_at(s, row, column), &s->image);
-    }
+    const pci_picture pictures[2] = {{tile_at(s, SKINNED, column), NULL},
+                                     {tile_at(s, STRETCH, column), colors}};
+    const bool drawn =
+        !scratch.failed &&
+        pci_stretch_colors(&scratch, &s->asset->visual.surface, skinned->positions, values,
+                           colors) &&
+        pci_model_build(&s->renderer, &scratch, skinned, PCI_LOOK_SMOOTH, NULL, &model) &&
+        pci_draw(&s->renderer, &model, camera, PCI_STYLE_SURFACE, pictures, 2);
     pci_scratch_end(&scratch);
     return drawn;
 }
@@ -191,6 +190,7 @@ pc_status pc_export_strip(pc_context *context, const pc_asset *asset,
     }
     memset(s.image.pixels, 0xff, 3 * s.image.width * s.image.height);
     write_titles(&s);
+    pci_renderer_set(&s.renderer, context, &s.image);
     status = draw_turntable(&s);
     if (status == PC_OK) {
         status = draw_frames(&s);

@@ -41,11 +41,8 @@ static void find_homes(void *user, size_t begin, size_t end, uint32_t worker) {
     const sorting *s = user;
     uint32_t last = PC_INVALID_INDEX;
     for (size_t t = begin; t < end; ++t) {
-        double middle[3] = {0.0, 0.0, 0.0};
-        for (size_t i = 0; i < 9; ++i) {
-            const uint32_t v = s->layer->triangles[3 * t + i / 3];
-            middle[i % 3] += s->layer->positions[3 * (size_t)v + i % 3] / 3.0;
-        }
+        double middle[3];
+        pci_triangle_middle(s->layer, t, middle);
         last = pci_bvh_closest_near(s->visual, middle, last).triangle;
         s->home[t] = s->visual_component[last];
     }

@@ -107,19 +107,19 @@ static void look_around(void *user, size_t begin, size_t end, uint32_t worker) {
 // Large components that a whole triangle is near to; its middle is asked where it is wide.
 static uint32_t triangle_near(const hiding *h, size_t t) {
     const uint32_t *corner = &h->mesh->triangles[3 * t];
-    double middle[3], square = 0.0;
+    double square = 0.0;
     for (size_t k = 0; k < 3; ++k) {
         const double *p = &h->mesh->positions[3 * (size_t)corner[k]];
         square = fmax(
             square, pci_squared_distance(p, &h->mesh->positions[3 * (size_t)corner[(k + 1) % 3]]));
-        middle[k] = (h->mesh->positions[3 * (size_t)corner[0] + k] +
-                     h->mesh->positions[3 * (size_t)corner[1] + k] +
-                     h->mesh->positions[3 * (size_t)corner[2] + k]) /
-                    3.0;
     }
     const uint32_t near = h->near[corner[0]] & h->near[corner[1]] & h->near[corner[2]];
-    return near != 0 && square > h->reach * h->reach ? near & find_near(h, h->component[t], middle)
-                                                     : near;
+    if (near == 0 || square <= h->reach * h->reach) {
+        return near;
+    }
+    double middle[3];
+    pci_triangle_middle(h->mesh, t, middle);
+    return near & find_near(h, h->component[t], middle);
 }
 
 // Marks the triangles that stay. Returns whether any goes; with `failed` in scratch, nothing

@@ -41,12 +41,18 @@ static double triangle_angle(const pci_relaxation *r, uint32_t t) {
     return pci_least_angle(point_of(r, corner[0]), point_of(r, corner[1]), point_of(r, corner[2]));
 }
 
+pci_fan_shape pci_shape_of_triangle(const pci_relaxation *r, uint32_t t) {
+    const uint32_t *corner = &r->coarse->corners[3 * (size_t)t];
+    return (pci_fan_shape){triangle_angle(r, t),
+                           facing_cosine(r, corner[0], corner[1], corner[2]) < 0.0};
+}
+
 pci_fan_shape pci_shape_of_fan(const pci_relaxation *r, uint32_t v) {
     pci_fan_shape shape = {INFINITY, 0};
     PCI_FOR_OUTGOING(r->coarse, v, h) {
-        const uint32_t *corner = &r->coarse->corners[h - h % 3];
-        shape.angle = fmin(shape.angle, triangle_angle(r, h / 3));
-        shape.turned += facing_cosine(r, corner[0], corner[1], corner[2]) < 0.0;
+        const pci_fan_shape one = pci_shape_of_triangle(r, h / 3);
+        shape.angle = fmin(shape.angle, one.angle);
+        shape.turned += one.turned;
     }
     return shape;
 }

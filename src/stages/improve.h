@@ -12,6 +12,8 @@ typedef struct pci_fan_shape {
     size_t turned;
 } pci_fan_shape;
 pci_fan_shape pci_shape_of_fan(const pci_relaxation *relaxation, uint32_t vertex);
+// The same of one triangle.
+pci_fan_shape pci_shape_of_triangle(const pci_relaxation *relaxation, uint32_t triangle);
 
 // Collapses and splits edges around triangles with an angle below 36 degrees where that raises the
 // least angle, then others until the number of vertices is what it was. Vertices and triangles are

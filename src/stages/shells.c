@@ -34,15 +34,6 @@ typedef struct peeling {
 
 // ---- what lies behind each triangle -------------------------------------------------------------
 
-static double area_vector(const pc_mesh *mesh, size_t t, double out[3]) {
-    double u[3], v[3];
-    const double *a = &mesh->positions[3 * (size_t)mesh->triangles[3 * t]];
-    pci_sub(&mesh->positions[3 * (size_t)mesh->triangles[3 * t + 1]], a, u);
-    pci_sub(&mesh->positions[3 * (size_t)mesh->triangles[3 * t + 2]], a, v);
-    pci_cross(u, v, out);
-    return 0.5 * pci_norm(out);
-}
-
 typedef struct behind_filter {
     const peeling *p;
     size_t triangle;
@@ -58,16 +49,13 @@ static void look_behind(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     peeling *p = user;
     for (size_t t = begin; t < end; ++t) {
-        double middle[3] = {0.0, 0.0, 0.0}, normal[3], other[3], direction[3];
+        double middle[3], normal[3], other[3], direction[3];
         p->thickness[t] = HUGE_VAL;
-        area_vector(p->mesh, t, normal);
+        pci_triangle_vector(p->mesh, t, normal);
         if (!p->closed[p->component[t]] || !pci_normalize(normal)) {
             continue;
         }
-        for (size_t i = 0; i < 9; ++i) {
-            const uint32_t v = p->mesh->triangles[3 * t + i / 3];
-            middle[i % 3] += p->mesh->positions[3 * (size_t)v + i % 3] / 3.0;
-        }
+        pci_triangle_middle(p->mesh, t, middle);
         for (size_t k = 0; k < 3; ++k) {
             direction[k] = p->volume[p->component[t]] > 0.0 ? -normal[k] : normal[k];
         }
@@ -75,7 +63,7 @@ static void look_behind(void *user, size_t begin, size_t end, uint32_t worker) {
         const pci_hit hit = pci_bvh_cast(p->bvh, middle, direction, 1e-6 * p->thickest,
                                          most_uneven * p->thickest, same_shell, &filter);
         if (hit.triangle != PC_INVALID_INDEX) {
-            area_vector(p->mesh, hit.triangle, other);
+            pci_triangle_vector(p->mesh, hit.triangle, other);
             if (pci_normalize(other) && pci_dot(normal, other) < most_facing) {
                 p->thickness[t] = hit.distance;
                 p->behind[t] = hit.triangle;
@@ -108,7 +96,7 @@ static bool measure_components(peeling *p) {
     }
     for (size_t t = 0; t < mesh->triangle_count; ++t) {
         double vector[3];
-        area_vector(mesh, t, vector);
+        pci_triangle_vector(mesh, t, vector);
         p->volume[p->component[t]] +=
             pci_dot(vector, &mesh->positions[3 * (size_t)mesh->triangles[3 * t]]);
     }

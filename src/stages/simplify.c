@@ -14,6 +14,7 @@
 #include "stages/improve.h"
 #include "stages/joint.h"
 #include "stages/sampling.h"
+#include "stages/separate.h"
 #include "stages/sizing.h"
 #include "stages/untangle.h"
 
@@ -67,6 +68,8 @@ static const pc_field report_fields[] = {
     PCI_FIELD_WARNING(pc_simplify_report, self_intersections, COUNT,
                       "Pairs of triangles that cross and could not be moved apart",
                       "the proxy crosses itself"),
+    PCI_FIELD_REPORT(pc_simplify_report, attempts, COUNT, "",
+                     "Proxies that were made to find one without crossings and slivers"),
     PCI_FIELD_REPORT(pc_simplify_report, iterations, COUNT, "", "Passes of boundary exchanges"),
     {.name = "shortfall",
      .type = PC_FIELD_CHOICE,
@@ -85,6 +88,9 @@ static const double pinned_quality = 0.5;
 static const double reaches[] = {0.1, 0.2, 0.4};
 // Passes of fitting.
 static const size_t fit_passes = 10;
+// Proxies that are made until one is without flaw; fewer where they have very many vertices.
+static const size_t most_attempts = 8;
+static const size_t vertices_of_attempts = 32768;
 
 // ---- steps ------------------------------------------------------------------------------------
 
@@ -153,28 +159,30 @@ static bool drop_unaffordable(pci_scratch *scratch, pc_mesh *layer, size_t verti
     return true;
 }
 
-// Clusters uniformly, then again with smaller clusters where the first ones are too wide or the
-// density map asks for them.
-static bool cluster_samples(pci_scratch *scratch, pci_sampling *s,
-                            const pc_simplify_options *options, uint32_t *cluster,
-                            uint64_t *iterations) {
-    const uint32_t first =
-        (uint32_t)(pci_random(options->seed, 0, 0) * (double)s->mesh.vertex_count);
-    if (!pci_cluster_vertices(scratch->context, &s->mesh, s->weights, s->scales, options->vertices,
-                              first, options->clustering_iterations, cluster, iterations)) {
-        return false;
-    }
-    if (options->narrow_refinement == 1.0 && s->densities == NULL) {
-        return true;
-    }
-    if (!pci_size_clusters(scratch, &s->mesh, s->normals, s->areas, s->arcs, cluster,
-                           options->vertices, s->spacing, options->narrow_refinement, s->scales)) {
-        return false;
-    }
-    pci_sampling_weigh(s);
+static bool cluster(pci_scratch *scratch, pci_sampling *s, const pc_simplify_options *options,
+                    uint64_t attempt, uint32_t *clusters, uint64_t *iterations) {
+    const double share = pci_random(options->seed, 0, attempt);
     return pci_cluster_vertices(scratch->context, &s->mesh, s->weights, s->scales,
-                                options->vertices, first, options->clustering_iterations, cluster,
-                                iterations);
+                                options->vertices, (uint32_t)(share * (double)s->mesh.vertex_count),
+                                options->clustering_iterations, clusters, iterations);
+}
+
+// Clusters uniformly, then again with smaller clusters where the first ones are too wide or the
+// density map asks for them. Later attempts keep the sizes and begin elsewhere.
+static bool cluster_samples(pci_scratch *scratch, pci_sampling *s,
+                            const pc_simplify_options *options, uint64_t attempt,
+                            uint32_t *clusters, uint64_t *iterations) {
+    const bool uniform = options->narrow_refinement == 1.0 && s->densities == NULL;
+    if (!uniform && attempt == 0) {
+        if (!cluster(scratch, s, options, attempt, clusters, iterations) ||
+            !pci_size_clusters(scratch, &s->mesh, s->normals, s->areas, s->arcs, clusters,
+                               options->vertices, s->spacing, options->narrow_refinement,
+                               s->scales)) {
+            return false;
+        }
+        pci_sampling_weigh(s);
+    }
+    return cluster(scratch, s, options, attempt, clusters, iterations);
 }
 
 // Puts the nearest border vertex on each corner of the border, once.
@@ -214,7 +222,7 @@ static bool pin_corners(pci_scratch *scratch, const pci_sampling *s, const uint3
 
 // Evens out the coarse mesh on the fine one, then fits its triangles to it.
 static bool relax_and_fit(pci_scratch *scratch, const pci_sampling *s, pci_halfedge *coarse,
-                          uint32_t *feet, uint32_t *nearby, uint64_t *crossings) {
+                          uint32_t *feet, uint32_t *nearby, pci_flaws *flaws) {
     uint8_t *pinned = PCI_SCRATCH(scratch, uint8_t, coarse->vertex_count);
     if (pinned == NULL) {
         return false;
@@ -241,9 +249,8 @@ static bool relax_and_fit(pci_scratch *scratch, const pci_sampling *s, pci_halfe
         }
     }
     size_t left = 0;
-    const bool done = pci_untangle(scratch, &relaxation, s->spacing, &left);
-    *crossings = left;
-    return done;
+    return pci_untangle(scratch, &relaxation, s->spacing, &left) &&
+           pci_separate(scratch, &relaxation, s->spacing, flaws);
 }
 
 static pc_status measure(pci_scratch *scratch, const pc_mesh *mesh, size_t wanted,
@@ -288,33 +295,66 @@ static pc_status begin_sampling(pci_scratch *scratch, const pc_visual *visual, c
     return done ? PC_OK : pci_fail_memory(scratch->context, stage);
 }
 
+// One proxy and what is wrong with it. False: out of memory or cancelled.
+static bool make_proxy(pci_scratch *scratch, pci_sampling *s, const pc_simplify_options *options,
+                       uint64_t attempt, pc_mesh *proxy, pci_flaws *flaws,
+                       pc_simplify_report *report) {
+    uint32_t *clusters = PCI_SCRATCH(scratch, uint32_t, s->mesh.vertex_count);
+    uint32_t *feet = NULL, *nearby = NULL;
+    pci_contraction contraction;
+    pci_halfedge coarse;
+    pc_mesh contracted = {0};
+    if (clusters == NULL ||
+        !cluster_samples(scratch, s, options, attempt, clusters, &report->iterations) ||
+        !pci_progress(scratch->context, stage, 0.6) ||
+        !pci_contraction_begin(scratch, &s->mesh, s->weights, s->arcs, s->spacing, &contraction)) {
+        return false;
+    }
+    pci_contract_clusters(&contraction, clusters);
+    report->surplus_vertices = contraction.coarse.live_vertices - options->vertices;
+    const bool built = pci_contract_to(&contraction, options->vertices) &&
+                       pci_contraction_result(&contraction, &contracted, &feet, &nearby) &&
+                       pci_halfedge_build(scratch, &contracted, &coarse);
+    pc_mesh_free(scratch->context, &contracted);
+    return built && relax_and_fit(scratch, s, &coarse, feet, nearby, flaws) &&
+           pci_halfedge_export(&coarse, proxy, NULL);
+}
+
+static bool fewer(const pci_flaws *a, const pci_flaws *b) {
+    return a->crossings != b->crossings ? a->crossings < b->crossings : a->slivers < b->slivers;
+}
+
+// Clusters that begin elsewhere give another proxy: the first one without flaw, else the best.
 static pc_status simplify_by_clusters(pci_scratch *scratch, pci_sampling *s,
                                       const pc_simplify_options *options, pc_mesh *proxy,
                                       pc_simplify_report *report) {
     pc_context *context = scratch->context;
-    uint32_t *cluster = PCI_SCRATCH(scratch, uint32_t, s->mesh.vertex_count);
-    if (cluster == NULL || !cluster_samples(scratch, s, options, cluster, &report->iterations)) {
-        return pci_fail_memory(context, stage);
+    const size_t affordable = 1 + vertices_of_attempts / options->vertices;
+    const size_t attempts = affordable < most_attempts ? affordable : most_attempts;
+    pci_flaws least = {SIZE_MAX, 0};
+    size_t i = 0;
+    for (; i < attempts && (i == 0 || least.crossings + least.slivers > 0); ++i) {
+        pci_scratch own = pci_scratch_begin(context);
+        pc_simplify_report counts = *report;
+        pc_mesh made = {0};
+        pci_flaws flaws = {0};
+        const bool done = make_proxy(&own, s, options, i, &made, &flaws, &counts);
+        pci_scratch_end(&own);
+        if (!done) {
+            return pci_fail_memory(context, stage);
+        }
+        if (fewer(&flaws, &least)) {
+            least = flaws;
+            *report = counts;
+            report->self_intersections = flaws.crossings;
+            pc_mesh_free(context, proxy);
+            *proxy = made;
+        } else {
+            pc_mesh_free(context, &made);
+        }
     }
-    if (!pci_progress(context, stage, 0.6)) {
-        return pci_fail_cancelled(context, stage);
-    }
-    pci_contraction contraction;
-    pci_halfedge coarse;
-    uint32_t *feet = NULL, *nearby = NULL;
-    if (!pci_contraction_begin(scratch, &s->mesh, s->weights, s->arcs, s->spacing, &contraction)) {
-        return pci_fail_memory(context, stage);
-    }
-    pci_contract_clusters(&contraction, cluster);
-    report->surplus_vertices = contraction.coarse.live_vertices - options->vertices;
-    if (!pci_contract_to(&contraction, options->vertices) ||
-        !pci_contraction_result(&contraction, proxy, &feet, &nearby) ||
-        !pci_halfedge_build(scratch, proxy, &coarse) ||
-        !relax_and_fit(scratch, s, &coarse, feet, nearby, &report->self_intersections)) {
-        return pci_fail_memory(context, stage);
-    }
-    pc_mesh_free(context, proxy); // vertices inside may have become vertices on the border
-    return pci_halfedge_export(&coarse, proxy, NULL) ? PC_OK : pci_fail_memory(context, stage);
+    report->attempts = i;
+    return PC_OK;
 }
 
 static pc_status simplify_jointly(pci_scratch *scratch, const pc_visual *visual, pci_sampling *s,

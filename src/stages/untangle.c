@@ -2,18 +2,16 @@
 
 #include "core/crossing.h"
 #include "stages/improve.h"
+#include "stages/separate.h"
 
 static const size_t steps = 30;
 // Triangles looked at in all steps together, so that large meshes end; five steps at least.
 static const size_t work = 1000000;
-static const size_t search_passes = 12;
-// Pairs beyond which a search would take too long.
-static const size_t most_searched = 256;
 // Gap that is aimed for and longest way of a vertex in one step, in expected edge lengths.
 static const double gap = 0.02;
 static const double longest_step = 0.08;
 // Angles that moves may leave, in degrees.
-static const double kept_angle = 20.0;
+static const double kept_angle = PCI_LEAST_ANGLE;
 
 typedef struct untangling {
     pci_relaxation *relaxation;
@@ -116,107 +114,6 @@ static void apply(untangling *u) {
     }
 }
 
-// ---- what pushing leaves ------------------------------------------------------------------------
-
-// The triangles near the fan of v that are not in it; their number.
-static size_t find_nearby(const pc_mesh *mesh, const pci_halfedge *coarse, uint32_t v,
-                          double margin, uint32_t *nearby) {
-    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
-    PCI_FOR_OUTGOING(coarse, v, h) {
-        for (size_t c = 0; c < 3; ++c) {
-            const double *p = &mesh->positions[3 * (size_t)mesh->triangles[h - h % 3 + c]];
-            for (size_t k = 0; k < 3; ++k) {
-                low[k] = fmin(low[k], p[k] - margin);
-                high[k] = fmax(high[k], p[k] + margin);
-            }
-        }
-    }
-    size_t count = 0;
-    for (size_t t = 0; t < mesh->triangle_count; ++t) {
-        const uint32_t *corner = &mesh->triangles[3 * t];
-        bool apart = corner[0] == v || corner[1] == v || corner[2] == v;
-        for (size_t k = 0; k < 3 && !apart; ++k) {
-            const double x[3] = {mesh->positions[3 * (size_t)corner[0] + k],
-                                 mesh->positions[3 * (size_t)corner[1] + k],
-                                 mesh->positions[3 * (size_t)corner[2] + k]};
-            apart = fmin(fmin(x[0], x[1]), x[2]) > high[k] || fmax(fmax(x[0], x[1]), x[2]) < low[k];
-        }
-        if (!apart) {
-            nearby[count++] = (uint32_t)t;
-        }
-    }
-    return count;
-}
-
-static size_t crossings_around(const pc_mesh *mesh, const pci_halfedge *coarse, uint32_t v,
-                               const uint32_t *nearby, size_t nearby_count) {
-    size_t count = 0;
-    PCI_FOR_OUTGOING(coarse, v, h) {
-        for (size_t i = 0; i < nearby_count; ++i) {
-            count += pci_pair_crosses(mesh, h / 3, nearby[i]);
-        }
-        PCI_FOR_OUTGOING(coarse, v, g) { count += g > h && pci_pair_crosses(mesh, h / 3, g / 3); }
-    }
-    return count;
-}
-
-// Tries places around a vertex and takes the nearest with the fewest crossings. True: fewer.
-static bool search_place(untangling *u, const pc_mesh *mesh, uint32_t v, uint32_t *nearby) {
-    enum { directions = 27 };
-    static const double reaches[] = {0.06, 0.12, 0.2, 0.3, 0.45, 0.7, 1.0};
-    static const size_t reach_count = sizeof(reaches) / sizeof(reaches[0]);
-    const pci_halfedge *coarse = u->relaxation->coarse;
-    const size_t count =
-        find_nearby(mesh, coarse, v, reaches[reach_count - 1] * u->spacing, nearby);
-    double *at = position(u, v);
-    const double start[3] = {at[0], at[1], at[2]};
-    double better[3] = {at[0], at[1], at[2]};
-    const pci_fan_shape before = pci_shape_of_fan(u->relaxation, v);
-    const size_t first = crossings_around(mesh, coarse, v, nearby, count);
-    size_t fewest = first;
-    for (size_t i = 0; i < reach_count * directions && fewest > 0; ++i) {
-        const int direction = (int)(i % directions);
-        const double way[3] = {direction % 3 - 1, direction / 3 % 3 - 1, direction / 9 - 1};
-        const double length = pci_norm(way);
-        if (!(length > 0.0)) {
-            continue;
-        }
-        for (size_t k = 0; k < 3; ++k) {
-            at[k] = start[k] + reaches[i / directions] * u->spacing / length * way[k];
-        }
-        const pci_fan_shape after = pci_shape_of_fan(u->relaxation, v);
-        if (after.angle < fmin(before.angle, kept_angle) || after.turned > before.turned) {
-            continue;
-        }
-        const size_t crossings = crossings_around(mesh, coarse, v, nearby, count);
-        if (crossings < fewest) {
-            fewest = crossings;
-            memcpy(better, at, sizeof(better));
-        }
-    }
-    memcpy(at, better, sizeof(better));
-    return fewest < first;
-}
-
-// Searches places for the vertices of triangles that cross, while that helps.
-static bool search_places(pci_scratch *scratch, untangling *u, const pc_mesh *mesh, size_t *left) {
-    uint32_t *nearby = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
-    bool helps = nearby != NULL;
-    for (size_t pass = 0; pass < search_passes && helps; ++pass) {
-        uint32_t *pairs = NULL;
-        if (!pci_list_self_intersections(scratch, mesh, &pairs, left) ||
-            !pci_keep_going(scratch->context)) {
-            return false;
-        }
-        helps = false;
-        for (size_t i = 0; i < 6 * *left && *left <= most_searched; ++i) {
-            const uint32_t t = pairs[i / 3];
-            helps |= search_place(u, mesh, mesh->triangles[3 * (size_t)t + i % 3], nearby);
-        }
-    }
-    return nearby != NULL && pci_list_self_intersections(scratch, mesh, NULL, left);
-}
-
 // ---- the whole ----------------------------------------------------------------------------------
 
 bool pci_untangle(pci_scratch *scratch, pci_relaxation *relaxation, double spacing, size_t *left) {
@@ -256,5 +153,5 @@ bool pci_untangle(pci_scratch *scratch, pci_relaxation *relaxation, double spaci
         apply(&u);
     }
     memcpy(mesh.positions, u.best, 3 * mesh.vertex_count * sizeof(*u.best));
-    return *left == 0 || search_places(scratch, &u, &mesh, left);
+    return true;
 }

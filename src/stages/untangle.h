@@ -5,9 +5,8 @@
 #include "stages/relax.h"
 
 // Pushes the end of each edge that pierces a triangle back to the near side, and the triangle the
-// other way, until nothing crosses or the steps are used up. From the state with the fewest
-// crossings it goes on vertex by vertex: each takes the nearest place with fewer crossings. Least
-// angles never get worse than 20 degrees or than they were.
+// other way, until nothing crosses or the steps are used up; the state with the fewest crossings is
+// kept. Least angles never get worse than 20 degrees or than they were.
 // @param spacing  edge length that is expected; bounds the steps
 // @param left     receives the number of pairs of triangles that still cross
 // False: out of memory or cancelled.

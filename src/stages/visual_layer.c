@@ -45,17 +45,9 @@ static void look_around(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     probe *p = user;
     for (size_t t = begin; t < end && !atomic_load(&p->touches); ++t) {
-        const double *corners[3];
-        double u[3], v[3], normal[3], middle[3];
-        for (size_t c = 0; c < 3; ++c) {
-            corners[c] = &p->mesh->positions[3 * (size_t)p->mesh->triangles[3 * t + c]];
-        }
-        pci_sub(corners[1], corners[0], u);
-        pci_sub(corners[2], corners[0], v);
-        pci_cross(u, v, normal);
-        for (size_t k = 0; k < 3; ++k) {
-            middle[k] = (corners[0][k] + corners[1][k] + corners[2][k]) / 3.0;
-        }
+        double normal[3], middle[3];
+        pci_triangle_vector(p->mesh, t, normal);
+        pci_triangle_middle(p->mesh, t, middle);
         uint32_t near[most_near];
         const size_t count = p->component_count > 1
                                  ? pci_bvh_collect(p->bvh, middle, p->touch_reach, most_near, near)
@@ -196,16 +188,7 @@ pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mes
     return status;
 }
 
-// ---- orientation
-// ----------------------------------------------------------------------------------
-
-static void area_vector(const pc_mesh *mesh, size_t t, double out[3]) {
-    double u[3], v[3];
-    const double *a = &mesh->positions[3 * (size_t)mesh->triangles[3 * t]];
-    pci_sub(&mesh->positions[3 * (size_t)mesh->triangles[3 * t + 1]], a, u);
-    pci_sub(&mesh->positions[3 * (size_t)mesh->triangles[3 * t + 2]], a, v);
-    pci_cross(u, v, out);
-}
+// ---- orientation --------------------------------------------------------------------------------
 
 typedef struct facing {
     const pci_bvh *bvh;
@@ -217,13 +200,11 @@ static void compare_facing(void *user, size_t begin, size_t end, uint32_t worker
     (void)worker;
     const facing *f = user;
     for (size_t t = begin; t < end; ++t) {
-        double middle[3] = {0.0, 0.0, 0.0}, ours[3], theirs[3];
-        for (size_t i = 0; i < 9; ++i) {
-            const uint32_t v = f->layer->triangles[3 * t + i / 3];
-            middle[i % 3] += f->layer->positions[3 * (size_t)v + i % 3] / 3.0;
-        }
-        area_vector(f->layer, t, ours);
-        area_vector(f->reference, pci_bvh_closest(f->bvh, middle, INFINITY).triangle, theirs);
+        double middle[3], ours[3], theirs[3];
+        pci_triangle_middle(f->layer, t, middle);
+        pci_triangle_vector(f->layer, t, ours);
+        pci_triangle_vector(f->reference, pci_bvh_closest(f->bvh, middle, INFINITY).triangle,
+                            theirs);
         f->votes[t] = pci_normalize(theirs) ? pci_dot(ours, theirs) : 0.0;
     }
 }

@@ -7,6 +7,7 @@
 #include "support/asset_fixture.h"
 #include "support/files.h"
 #include "support/memory.h"
+#include "support/shapes.h"
 #include "support/test.h"
 
 static char folder[64], sheet_path[64], other_path[64];
@@ -60,10 +61,12 @@ static pci_camera front_camera(double scale) {
 static void draw(pc_context *context, const pc_mesh *mesh, pci_look look, pci_style style,
                  const pci_camera *camera, pci_image *image) {
     pci_scratch scratch = pci_scratch_begin(context);
+    pci_renderer renderer;
     pci_model model;
-    const pci_tile tile = {0, 0, image->width};
-    assert_true(pci_model_build(context, &scratch, mesh, look, &model));
-    assert_true(pci_draw(context, &scratch, &model, camera, style, tile, image));
+    const pci_picture picture = {{0, 0, image->width}, NULL};
+    pci_renderer_set(&renderer, context, image);
+    assert_true(pci_model_build(&renderer, &scratch, mesh, look, NULL, &model));
+    assert_true(pci_draw(&renderer, &model, camera, style, &picture, 1));
     pci_scratch_end(&scratch);
 }
 
@@ -258,6 +261,37 @@ static void survives_useless_triangles(void **state) {
     }
     free(image.pixels);
     free(untouched.pixels);
+    pc_context_destroy(context);
+}
+
+static void draws_the_same_with_every_kernel(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    // A sphere in a box without lid: triangles of many sizes, shadows, and both sides.
+    pc_mesh mesh = shape_sphere(context, 40, 0.8), box = shape_box(context, 1, 1, 1);
+    box.triangle_count -= 2;
+    shape_append(context, &mesh, &box, true);
+    const pci_camera camera = front_camera(40.0);
+    pci_image images[2];
+    for (size_t i = 0; i < 2; ++i) {
+        pci_scratch scratch = pci_scratch_begin(context);
+        pci_renderer renderer;
+        pci_model model;
+        images[i] = new_image(100, 100);
+        const pci_picture picture = {{0, 0, 100}, NULL};
+        pci_renderer_set(&renderer, context, &images[i]);
+        if (i == 1) {
+            renderer.dome.kernel = &pci_dome_generic;
+        }
+        assert_true(pci_model_build(&renderer, &scratch, &mesh, PCI_LOOK_SMOOTH, NULL, &model));
+        assert_true(pci_draw(&renderer, &model, &camera, PCI_STYLE_SURFACE_AND_EDGES, &picture, 1));
+        pci_scratch_end(&scratch);
+    }
+    assert_memory_equal(images[0].pixels, images[1].pixels, 3 * 100 * 100);
+    free(images[0].pixels);
+    free(images[1].pixels);
+    pc_mesh_free(context, &mesh);
+    pc_mesh_free(context, &box);
     pc_context_destroy(context);
 }
 
@@ -552,6 +586,7 @@ int main(void) {
         cmocka_unit_test(leaves_no_cracks),
         cmocka_unit_test(darkens_what_is_enclosed),
         cmocka_unit_test(survives_useless_triangles),
+        cmocka_unit_test(draws_the_same_with_every_kernel),
         cmocka_unit_test(writes_text),
         cmocka_unit_test(gives_every_character_another_shape),
         cmocka_unit_test(lays_out_the_stages),

@@ -3,6 +3,7 @@
 #include "core/crossing.h"
 #include "core/topology.h"
 #include "stages/improve.h"
+#include "stages/separate.h"
 #include "stages/untangle.h"
 #include "support/surfaces.h"
 
@@ -29,10 +30,12 @@ static double least_angle(const pci_relaxation *r) {
     return least;
 }
 
+enum { PUSH = 1, SEARCH = 2 };
+
 // Untangles noisy sheets; `result` receives the positions, from scratch. Returns what still
 // crosses.
-static size_t untangle(pci_scratch *scratch, double noise, uint64_t seed, pc_mesh *result,
-                       size_t *before) {
+static size_t untangle(pci_scratch *scratch, unsigned ways, double noise, uint64_t seed,
+                       pc_mesh *result, size_t *before) {
     pc_context *context = scratch->context;
     pc_mesh apart = two_sheets(context, 0.0, seed), tangled = two_sheets(context, noise, seed);
     double *normals = PCI_SCRATCH(scratch, double, 3 * apart.vertex_count);
@@ -55,7 +58,15 @@ static size_t untangle(pci_scratch *scratch, double noise, uint64_t seed, pc_mes
                                  .pinned = pinned};
     assert_true(pci_list_self_intersections(scratch, &tangled, NULL, before));
     size_t left = SIZE_MAX;
-    assert_true(pci_untangle(scratch, &relaxation, spacing, &left));
+    if (ways & PUSH) {
+        assert_true(pci_untangle(scratch, &relaxation, spacing, &left));
+    }
+    if (ways & SEARCH) {
+        pci_flaws flaws;
+        assert_true(pci_separate(scratch, &relaxation, spacing, &flaws));
+        assert_int_equal(flaws.slivers, 0);
+        left = flaws.crossings;
+    }
     *result =
         (pc_mesh){coarse.vertex_count, coarse.positions, coarse.triangle_count, coarse.corners};
     assert_true(least_angle(&relaxation) >= 20.0);
@@ -64,14 +75,16 @@ static size_t untangle(pci_scratch *scratch, double noise, uint64_t seed, pc_mes
     return left;
 }
 
+// By either way alone, and by both.
 static void sheets_come_apart(void **state) {
     (void)state;
-    for (uint64_t seed = 0; seed < 6; ++seed) {
+    for (uint64_t seed = 0; seed < 9; ++seed) {
+        const unsigned ways = 1 + (unsigned)seed % 3;
         pc_context *context = test_context(1);
         pci_scratch scratch = pci_scratch_begin(context);
         pc_mesh result;
         size_t before = 0;
-        const size_t left = untangle(&scratch, 0.045, seed, &result, &before);
+        const size_t left = untangle(&scratch, ways, 0.045, seed, &result, &before);
         uint64_t crossings = 99;
         assert_ok(context, pci_count_self_intersections(context, "test", &result, &crossings));
         assert_true(before > 20);
@@ -91,7 +104,7 @@ static void what_does_not_cross_stays(void **state) {
     pci_scratch scratch = pci_scratch_begin(context);
     pc_mesh result, same = two_sheets(context, 0.01, 3);
     size_t before = 99;
-    assert_int_equal(untangle(&scratch, 0.01, 3, &result, &before), 0);
+    assert_int_equal(untangle(&scratch, PUSH | SEARCH, 0.01, 3, &result, &before), 0);
     assert_int_equal(before, 0);
     assert_memory_equal(result.positions, same.positions,
                         3 * same.vertex_count * sizeof(*same.positions));
@@ -109,7 +122,7 @@ static void is_deterministic(void **state) {
         pci_scratch scratch = pci_scratch_begin(context);
         pc_mesh result;
         size_t before = 0;
-        (void)untangle(&scratch, 0.06, 5, &result, &before);
+        (void)untangle(&scratch, PUSH | SEARCH, 0.06, 5, &result, &before);
         if (i == 0) {
             memcpy(first, result.positions, sizeof(first));
         }

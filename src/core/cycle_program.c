@@ -37,7 +37,7 @@ bool pci_cycle_program_create(pci_scratch *scratch, const pci_signed_graph *grap
     }
     p->has_flow = p->valences[PCI_GROUND] > 1;
     p->u[PCI_GROUND] = p->u_bar[PCI_GROUND] = 0.5F;
-    p->scale = mean > 0.0 ? 1.0 / mean : 1.0;
+    p->scale = m != 0 ? 1.0 / mean : 1.0;
     for (size_t e = 0; e < m; ++e) {
         p->costs[e] = (float)((double)graph->edges[e].cost * p->scale);
     }
@@ -46,7 +46,7 @@ bool pci_cycle_program_create(pci_scratch *scratch, const pci_signed_graph *grap
 
 // Enters the hash; false when it is there already.
 static bool enter(pci_cycle_program *p, uint64_t hash) {
-    size_t slot = hash % p->set_size;
+    size_t slot = p->set_size != 0 ? hash % p->set_size : 0;
     while (p->set[slot] != 0) {
         if (p->set[slot] == hash) {
             return false;

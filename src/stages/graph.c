@@ -184,7 +184,7 @@ static void find_curvatures(void *user, size_t begin, size_t end, uint32_t worke
         for (size_t i = 0; i < inner; ++i) {
             count = add_ring(w->topology, neighbours[i], vertex, neighbours, count);
         }
-        double t[TERMS];
+        double t[TERMS] = {0};
         const double scale = fit_quadric(w, vertex, neighbours, count, t);
         if (scale > 0.0) {
             const double hxx = 2.0 * t[0], hxy = t[1], hyy = 2.0 * t[2], hx = t[3], hy = t[4];

@@ -788,7 +788,7 @@ static bool read_group(asset_file *file, pc_asset *asset, int group) {
     bool good = id >= 0;
     for (size_t i = 0; i < pci_scalar_count && good; ++i) {
         const pci_scalar_info *info = &pci_scalars[i];
-        if (info->group == group) {
+        if (info->group == group && !(info->optional && H5Aexists(id, info->name) == 0)) {
             good = read_numbers(file, id, info->name, info->element, info->length,
                                 (char *)asset + info->offset);
         }

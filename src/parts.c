@@ -118,7 +118,9 @@ static bool sew_pieces(pci_scratch *scratch, const pc_mesh *mesh, uint32_t *pare
             }
         }
     }
-    qsort(bits, middles.point_count, sizeof(*bits), compare_bits);
+    if (middles.point_count > 1) {
+        qsort(bits, middles.point_count, sizeof(*bits), compare_bits);
+    }
     double along = 0.0;
     for (size_t i = 0; i < middles.point_count; ++i) {
         const border_bit *e = &bits[i];

@@ -168,23 +168,6 @@ static void set_intensities(const pci_dome *dome, const pci_camera *camera, floa
     }
 }
 
-void pci_renderer_set(pci_renderer *renderer, pc_context *context, pci_image *image) {
-    renderer->context = context;
-    renderer->image = image;
-    pci_dome_set(&renderer->dome);
-    for (size_t i = 0; i <= 4096; ++i) {
-        const double linear = (double)i / 4096.0;
-        const double value =
-            linear <= 0.0031308 ? 12.92 * linear : 1.055 * pow(linear, 1.0 / 2.4) - 0.055;
-        renderer->encoded[i] = (uint8_t)(255.0 * value + 0.5);
-    }
-    for (size_t i = 0; i < 256; ++i) {
-        const double value = (double)i / 255.0;
-        renderer->decoded[i] =
-            (float)(value <= 0.04045 ? value / 12.92 : pow((value + 0.055) / 1.055, 2.4));
-    }
-}
-
 static uint8_t encode(const pci_renderer *renderer, float linear) {
     const float clamped = !(linear > 0.0F) ? 0.0F : linear > 1.0F ? 1.0F : linear;
     return renderer->encoded[(size_t)(clamped * 4096.0F + 0.5F)];
@@ -207,7 +190,6 @@ typedef struct drawing {
     double back_offset;
     const pci_picture *pictures;
     size_t picture_count;
-    struct band *bands; // one per worker
 } drawing;
 
 // Barycentric coordinates are linear in x and y.
@@ -426,7 +408,8 @@ static void paint_band(const drawing *d, const band *b, const pci_picture *pictu
 
 static void draw_bands(void *user, size_t begin, size_t end, uint32_t worker) {
     const drawing *d = user;
-    band *b = &d->bands[worker];
+    band *b = &d->renderer->bands[worker];
+    b->samples.back_offset = d->back_offset;
     for (size_t i = begin; i < end; ++i) {
         const size_t first = i * BAND_ROWS;
         const size_t rows = d->size - first < BAND_ROWS ? d->size - first : BAND_ROWS;
@@ -528,28 +511,51 @@ static bool sort_into_bands(pci_scratch *scratch, drawing *d, size_t band_count)
     return true;
 }
 
-static bool make_bands(pci_scratch *scratch, drawing *d, uint32_t workers) {
-    const size_t pixels = d->size * BAND_ROWS, samples = SAMPLES * SAMPLES * pixels;
-    d->bands = PCI_SCRATCH(scratch, band, workers);
+static bool make_bands(pci_scratch *scratch, pci_renderer *renderer) {
+    const size_t size = renderer->tile_size, pixels = size * BAND_ROWS;
+    const size_t samples = SAMPLES * SAMPLES * pixels;
+    const uint32_t workers = pc_context_threads(renderer->context);
+    renderer->bands = PCI_SCRATCH(scratch, band, workers);
     for (uint32_t i = 0; i < workers && !scratch->failed; ++i) {
-        band *b = &d->bands[i];
-        b->samples.width = (uint32_t)(SAMPLES * d->size);
+        band *b = &renderer->bands[i];
+        b->samples.width = (uint32_t)(SAMPLES * size);
         b->samples.depths = PCI_SCRATCH(scratch, float, samples + PCI_CANVAS_PADDING);
         b->samples.triangles = PCI_SCRATCH(scratch, uint32_t, samples + PCI_CANVAS_PADDING);
-        b->samples.back_offset = d->back_offset;
         b->covered = PCI_SCRATCH(scratch, uint8_t, pixels);
         b->on_edges = PCI_SCRATCH(scratch, uint8_t, pixels);
-        if (d->style != PCI_STYLE_EDGES_ON_TOP) {
-            b->fragments = PCI_SCRATCH(scratch, fragment, samples);
-            pci_lit_points_reserve(scratch, samples, &b->points);
-        }
+        b->fragments = PCI_SCRATCH(scratch, fragment, samples);
+        pci_lit_points_reserve(scratch, samples, &b->points);
     }
     return !scratch->failed;
 }
 
+static void set_encoding(pci_renderer *renderer) {
+    for (size_t i = 0; i <= 4096; ++i) {
+        const double linear = (double)i / 4096.0;
+        const double value =
+            linear <= 0.0031308 ? 12.92 * linear : 1.055 * pow(linear, 1.0 / 2.4) - 0.055;
+        renderer->encoded[i] = (uint8_t)(255.0 * value + 0.5);
+    }
+    for (size_t i = 0; i < 256; ++i) {
+        const double value = (double)i / 255.0;
+        renderer->decoded[i] =
+            (float)(value <= 0.04045 ? value / 12.92 : pow((value + 0.055) / 1.055, 2.4));
+    }
+}
+
+bool pci_renderer_begin(pci_renderer *renderer, pc_context *context, pci_scratch *scratch,
+                        pci_image *image, size_t tile_size) {
+    renderer->context = context;
+    renderer->image = image;
+    renderer->tile_size = tile_size;
+    pci_dome_set(&renderer->dome);
+    set_encoding(renderer);
+    return make_bands(scratch, renderer);
+}
+
 bool pci_draw(const pci_renderer *renderer, const pci_model *model, const pci_camera *camera,
               pci_style style, const pci_picture *pictures, size_t picture_count) {
-    const size_t size = pictures[0].tile.size, bands = (size + BAND_ROWS - 1) / BAND_ROWS;
+    const size_t size = renderer->tile_size, bands = (size + BAND_ROWS - 1) / BAND_ROWS;
     const double detail = fmax(1.0, (double)size / 360.0);
     pci_scratch scratch = pci_scratch_begin(renderer->context);
     drawing d = {.renderer = renderer,
@@ -562,7 +568,7 @@ bool pci_draw(const pci_renderer *renderer, const pci_model *model, const pci_ca
                  .border_width = 0.5 * BORDER_WIDTH * SAMPLES * detail,
                  .back_offset = BACK_OFFSET * model->radius * camera->scale * SAMPLES};
     d.corners = PCI_SCRATCH(&scratch, double, 3 * model->mesh->vertex_count);
-    bool drawn = !scratch.failed && make_bands(&scratch, &d, pc_context_threads(renderer->context));
+    bool drawn = !scratch.failed;
     if (drawn) {
         project_corners(&d, camera);
         drawn = sort_into_bands(&scratch, &d, bands);

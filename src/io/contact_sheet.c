@@ -354,8 +354,8 @@ pc_status pc_export_contact_sheet(pc_context *context, const pc_asset *asset,
     }
     memset(s.image.pixels, 0xff, 3 * s.image.width * s.image.height);
     write_title(&s);
-    pci_renderer_set(&s.renderer, context, &s.image);
-    if (!pci_model_build(&s.renderer, &scratch, &asset->visual.surface, PCI_LOOK_SMOOTH, NULL,
+    if (!pci_renderer_begin(&s.renderer, context, &scratch, &s.image, s.tile) ||
+        !pci_model_build(&s.renderer, &scratch, &asset->visual.surface, PCI_LOOK_SMOOTH, NULL,
                          &s.visual)) {
         status = pci_fail_memory(context, stage);
         goto cleanup;

@@ -45,7 +45,7 @@ static bool encode(png_structp png, png_infop info, const pci_image *image) {
 
 pc_status pci_write_png(pc_context *context, const char *stage, const pci_image *image,
                         const char *path) {
-    pci_atomic_file file;
+    pci_atomic_file file = {0};
     pc_status status = pci_atomic_begin(context, stage, path, &file);
     if (status != PC_OK) {
         return status;

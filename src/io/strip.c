@@ -189,13 +189,12 @@ pc_status pc_export_strip(pc_context *context, const pc_asset *asset,
     s.image.height = s.gap + ROW_COUNT * (s.tile + s.title);
     pci_scratch scratch = pci_scratch_begin(context);
     s.image.pixels = PCI_SCRATCH(&scratch, uint8_t, 3 * s.image.width * s.image.height);
-    if (scratch.failed) {
+    if (scratch.failed || !pci_renderer_begin(&s.renderer, context, &scratch, &s.image, s.tile)) {
         status = pci_fail_memory(context, stage);
         goto cleanup;
     }
     memset(s.image.pixels, 0xff, 3 * s.image.width * s.image.height);
     write_titles(&s);
-    pci_renderer_set(&s.renderer, context, &s.image);
     status = draw_turntable(&s);
     if (status == PC_OK) {
         status = draw_frames(&s);

@@ -64,7 +64,7 @@ static void draw(pc_context *context, const pc_mesh *mesh, pci_look look, pci_st
     pci_renderer renderer;
     pci_model model;
     const pci_picture picture = {{0, 0, image->width}, NULL};
-    pci_renderer_set(&renderer, context, image);
+    assert_true(pci_renderer_begin(&renderer, context, &scratch, image, image->width));
     assert_true(pci_model_build(&renderer, &scratch, mesh, look, NULL, &model));
     assert_true(pci_draw(&renderer, &model, camera, style, &picture, 1));
     pci_scratch_end(&scratch);
@@ -279,7 +279,7 @@ static void draws_the_same_with_every_kernel(void **state) {
         pci_model model;
         images[i] = new_image(100, 100);
         const pci_picture picture = {{0, 0, 100}, NULL};
-        pci_renderer_set(&renderer, context, &images[i]);
+        assert_true(pci_renderer_begin(&renderer, context, &scratch, &images[i], 100));
         if (i == 1) {
             renderer.dome.kernel = &pci_dome_generic;
         }

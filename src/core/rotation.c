@@ -71,32 +71,31 @@ void pci_matrix_of_quaternion(const double quaternion[4], double r[9]) {
 
 // ---- preparation --------------------------------------------------------------------------------
 
-// What is known of a vertex while rotations are estimated, in the memory of the result: the caller
-// gives no other, and results may be of any type. Single precision is what fits.
-typedef struct working {
-    float rotation[4]; // quaternion from the 1-ring or the pins; 0: none
-    float other[4];    // twice the area vector, then the average of the rotations around
-} working;
-
+// What is known of a vertex while rotations are estimated is in the memory of its result: the
+// caller gives no other, and results may be of any type. Single precision is what fits.
 typedef struct workspace {
     char *start;
     size_t stride; // bytes from one vertex to the next
 } workspace;
 
-static inline working get_working(const workspace *w, size_t vertex) {
-    working value;
-    memcpy(&value, w->start + vertex * w->stride, sizeof(value));
-    return value;
+enum {
+    OWN = 0,   // quaternion from the 1-ring or the pins; 0: none
+    OTHER = 16 // twice the area vector, then the average of the rotations around
+};
+
+static inline void get_four(const workspace *w, size_t vertex, size_t part, float out[4]) {
+    memcpy(out, w->start + vertex * w->stride + part, 4 * sizeof(*out));
 }
-static inline void set_working(const workspace *w, size_t vertex, const working *value) {
-    memcpy(w->start + vertex * w->stride, value, sizeof(*value));
+static inline void set_four(const workspace *w, size_t vertex, size_t part, const float in[4]) {
+    memcpy(w->start + vertex * w->stride + part, in, 4 * sizeof(*in));
 }
 
 // The sums of the area vectors of the triangles around each vertex.
 static void sum_areas(const pc_rotation_estimator *e, const pci_points *pose, const workspace *w) {
+    static const float nothing[4] = {0.0F};
     for (size_t v = 0; v < e->vertex_count; ++v) {
-        const working nothing = {{0.0F}, {0.0F}};
-        set_working(w, v, &nothing);
+        set_four(w, v, OWN, nothing);
+        set_four(w, v, OTHER, nothing);
     }
     for (size_t t = 0; t < e->triangle_count; ++t) {
         const uint32_t *corner = &e->triangles[3 * t];
@@ -108,20 +107,18 @@ static void sum_areas(const pc_rotation_estimator *e, const pci_points *pose, co
         pci_sub(c, a, c);
         pci_cross(b, c, cross);
         for (size_t i = 0; i < 3; ++i) {
-            working at = get_working(w, corner[i]);
-            for (size_t k = 0; k < 3; ++k) {
-                at.other[k] += (float)cross[k];
-            }
-            set_working(w, corner[i], &at);
+            float area[4];
+            get_four(w, corner[i], OTHER, area);
+            area[0] += (float)cross[0], area[1] += (float)cross[1], area[2] += (float)cross[2];
+            set_four(w, corner[i], OTHER, area);
         }
     }
 }
 
 static void get_area(const workspace *w, size_t vertex, double area[3]) {
-    const working at = get_working(w, vertex);
-    for (size_t k = 0; k < 3; ++k) {
-        area[k] = (double)at.other[k];
-    }
+    float at[4];
+    get_four(w, vertex, OTHER, at);
+    area[0] = (double)at[0], area[1] = (double)at[1], area[2] = (double)at[2];
 }
 
 static void list_spokes(const pc_mesh *mesh, const pci_topology *topology,
@@ -265,19 +262,17 @@ void pc_rotation_estimator_destroy(pc_context *context, pc_rotation_estimator *e
 // ---- every frame --------------------------------------------------------------------------------
 
 static void keep_rotation(const workspace *w, size_t vertex, const double rotation[9]) {
-    working at = get_working(w, vertex);
     double q[4];
     pci_quaternion_of_matrix(rotation, q);
-    for (size_t k = 0; k < 4; ++k) {
-        at.rotation[k] = (float)q[k];
-    }
-    set_working(w, vertex, &at);
+    const float own[4] = {(float)q[0], (float)q[1], (float)q[2], (float)q[3]};
+    set_four(w, vertex, OWN, own);
 }
 
-static void turn_vertex(const pc_rotation_estimator *e, const pci_points *pose, size_t vertex,
-                        const workspace *w) {
+// What the 1-ring of a vertex does. False: it tells no rotation, and the result is the identity.
+static bool turn_vertex(const pc_rotation_estimator *e, const pci_points *pose, size_t vertex,
+                        const workspace *w, double r[9]) {
     const double *rest = &e->frames[9 * vertex];
-    double here[3], normal[3], along[3] = {0.0}, across[3] = {0.0}, tangent[3], second[3], r[9];
+    double here[3], normal[3], along[3] = {0.0}, across[3] = {0.0}, tangent[3], second[3];
     get_point(pose, vertex, here);
     get_area(w, vertex, normal);
     const bool flat = !pci_normalize(normal);
@@ -299,7 +294,9 @@ static void turn_vertex(const pc_rotation_estimator *e, const pci_points *pose, 
     }
     const bool still = rest[0] == 0.0 && rest[1] == 0.0 && rest[2] == 0.0;
     if (flat || still || !pci_normalize(tangent)) {
-        return;
+        static const double identity[9] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
+        memcpy(r, identity, sizeof(identity));
+        return false;
     }
     pci_cross(normal, tangent, second);
     for (size_t i = 0; i < 3; ++i) {
@@ -307,7 +304,7 @@ static void turn_vertex(const pc_rotation_estimator *e, const pci_points *pose, 
             r[3 * i + j] = tangent[i] * rest[j] + second[i] * rest[3 + j] + normal[i] * rest[6 + j];
         }
     }
-    keep_rotation(w, vertex, r);
+    return true;
 }
 
 // sum (p - mean)(p0 - mean0)^T of some pinned vertices, over its trace at rest.
@@ -360,28 +357,27 @@ static inline bool is_known(const float q[4]) {
 // Half the rotation of the vertex, half the mean of those around: a ring of six triangles is not
 // much to go by. Pins keep theirs, and so do borders, whose neighbours are all on one side.
 static void average(const pc_rotation_estimator *e, size_t vertex, const workspace *w) {
-    working at = get_working(w, vertex);
-    float sum[4] = {0.0F}, around = 0.0F, square = 0.0F;
-    const bool kept = e->pinned[vertex] != 0 || (e->border[vertex] != 0 && is_known(at.rotation));
+    float own[4], sum[4] = {0.0F}, around = 0.0F;
+    get_four(w, vertex, OWN, own);
+    const bool kept = e->pinned[vertex] != 0 || (e->border[vertex] != 0 && is_known(own));
     const size_t end = kept ? 0 : e->spoke_ranges[vertex + 1];
     for (size_t s = e->spoke_ranges[vertex]; s < end; ++s) {
-        const working next = get_working(w, e->spokes[s].vertex);
-        const float *q = next.rotation, *to = around == 0.0F ? at.rotation : sum;
-        const float sign =
-            q[0] * to[0] + q[1] * to[1] + q[2] * to[2] + q[3] * to[3] < 0.0F ? -1 : 1;
+        float q[4];
+        get_four(w, e->spokes[s].vertex, OWN, q);
+        const float *to = around == 0.0F ? own : sum;
+        const float cosine = q[0] * to[0] + q[1] * to[1] + q[2] * to[2] + q[3] * to[3];
+        const float sign = cosine < 0.0F ? -1.0F : 1.0F;
         around += is_known(q) ? 1.0F : 0.0F;
         for (size_t k = 0; k < 4; ++k) {
             sum[k] += sign * q[k];
         }
     }
+    const float share = around > 0.0F ? 1.0F / around : 0.0F;
     for (size_t k = 0; k < 4; ++k) {
-        at.other[k] = at.rotation[k] + (around > 0.0F ? sum[k] / around : 0.0F);
-        square += at.other[k] * at.other[k];
+        own[k] += share * sum[k];
     }
-    if (!(square > 0.0F)) {
-        at.other[3] = 1.0F;
-    }
-    set_working(w, vertex, &at);
+    own[3] = is_known(own) ? own[3] : 1.0F;
+    set_four(w, vertex, OTHER, own);
 }
 
 void pci_rotation_estimate(const pc_rotation_estimator *e, const pci_points *pose,
@@ -389,8 +385,9 @@ void pci_rotation_estimate(const pc_rotation_estimator *e, const pci_points *pos
     const workspace w = {results, stride};
     sum_areas(e, pose, &w);
     for (size_t v = 0; v < e->vertex_count; ++v) {
-        if (e->pinned[v] == 0) {
-            turn_vertex(e, pose, v, &w);
+        double r[9];
+        if (e->pinned[v] == 0 && turn_vertex(e, pose, v, &w, r)) {
+            keep_rotation(&w, v, r);
         }
     }
     turn_bodies(e, pose, &w);
@@ -398,10 +395,11 @@ void pci_rotation_estimate(const pc_rotation_estimator *e, const pci_points *pos
         average(e, v, &w);
     }
     for (size_t v = 0; v < e->vertex_count; ++v) {
-        const working at = get_working(&w, v);
+        float average_of[4];
+        get_four(&w, v, OTHER, average_of);
         double q[4], square = 0.0;
         for (size_t k = 0; k < 4; ++k) {
-            q[k] = (double)at.other[k];
+            q[k] = (double)average_of[k];
             square += q[k] * q[k];
         }
         const double factor = (q[3] < 0.0 ? -1.0 : 1.0) / sqrt(square);
@@ -409,6 +407,17 @@ void pci_rotation_estimate(const pc_rotation_estimator *e, const pci_points *pos
             q[k] *= factor;
         }
         put(w.start + v * stride, q);
+    }
+}
+
+void pci_rotation_of_rings(const pc_rotation_estimator *e, const pci_points *pose,
+                           pci_put_matrix *put, void *results, size_t stride) {
+    const workspace w = {results, stride};
+    sum_areas(e, pose, &w);
+    for (size_t v = 0; v < e->vertex_count; ++v) {
+        double r[9];
+        (void)turn_vertex(e, pose, v, &w, r);
+        put(w.start + v * stride, r);
     }
 }
 

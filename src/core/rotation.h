@@ -23,6 +23,12 @@ PC_NODISCARD pc_status pci_rotation_prepare(pc_context *context, const char *sta
 void pci_rotation_estimate(const pc_rotation_estimator *estimator, const pci_points *pose,
                            pci_put_rotation *put, void *results, size_t stride);
 
+// Receives a rotation, row-major.
+typedef void pci_put_matrix(void *result, const double rotation[9]);
+// The rotations of the 1-rings as they are, which is all that normals need: no mean, no pins.
+void pci_rotation_of_rings(const pc_rotation_estimator *estimator, const pci_points *pose,
+                           pci_put_matrix *put, void *results, size_t stride);
+
 // pc_rotation_estimate_motion into scratch memory where `wanted`; else NULL.
 PC_NODISCARD pc_status pci_rotations_of_motion(pci_scratch *scratch, const char *stage,
                                                const pc_mesh *mesh, const pc_motion *motion,

@@ -17,24 +17,25 @@ struct pc_deformer {
     pci_deform_rows rows; // inside of `memory`
     char *memory;
     float *joint_positions;           // #J by 3
-    pc_rotation_estimator *estimator; // only with normals
+    pc_rotation_estimator *estimator; // only where joints turn
+    bool affine;                      // they turn vertices, not normals only
 };
 
 // Where the parts of a pose are; pose memory may have any alignment.
 typedef struct pose_parts {
     float *displacements; // #J by 4
-    float *rotations;     // #J by 16, only with normals
+    float *maps;          // #J by 16, only where joints turn: columns of R, p - R p(0)
 } pose_parts;
 
 static pose_parts parts_of(const pc_deformer *deformer, const void *pose) {
     const size_t spare = 64 - (uintptr_t)pose % 64;
     float *start = (float *)(void *)((char *)(uintptr_t)pose + spare);
     const pose_parts parts = {start + 16 * deformer->joint_count, start};
-    return deformer->rows.normals != NULL ? parts : (pose_parts){start, NULL};
+    return deformer->estimator != NULL ? parts : (pose_parts){start, NULL};
 }
 
 size_t pc_deform_pose_size(const pc_deformer *deformer) {
-    const size_t floats = deformer->rows.normals != NULL ? 20 : 4;
+    const size_t floats = deformer->estimator != NULL ? 20 : 4;
     return 64 + floats * sizeof(float) * deformer->joint_count;
 }
 
@@ -57,6 +58,10 @@ static pc_status check_arrays(pc_context *context, const pc_deform_arrays *a) {
         a->joint_positions == NULL || (a->triangle_count > 0 && a->triangles == NULL)) {
         return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
                         "%s: an array is NULL or there is no vertex, joint or influence", stage);
+    }
+    if (a->skinning > PC_SKINNING_ROTATION) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage, "%s: there is no skinning %u",
+                        stage, a->skinning);
     }
     if (a->joint_count > LARGEST_JOINT_COUNT || a->influences > LARGEST_INFLUENCES ||
         a->vertex_count > INT32_MAX || a->triangle_count > INT32_MAX / 3) {
@@ -129,7 +134,7 @@ static pc_status build_estimator(pc_context *context, const pc_deform_arrays *a,
         if (a->triangle_count > 0) {
             memcpy(proxy.triangles, a->triangles, 3 * a->triangle_count * sizeof(uint32_t));
         }
-        status = pci_rotation_prepare(context, stage, &proxy, NULL, estimator);
+        status = pci_rotation_prepare(context, stage, &proxy, a->pinned, estimator);
     }
     pci_scratch_end(&scratch);
     return status;
@@ -137,14 +142,15 @@ static pc_status build_estimator(pc_context *context, const pc_deform_arrays *a,
 
 static pc_status fill(pc_context *context, const pc_deform_arrays *a, pc_deformer *deformer) {
     const size_t blocks = (a->vertex_count + PCI_DEFORM_BLOCK - 1) / PCI_DEFORM_BLOCK;
-    const bool turns = a->normals != NULL;
+    const bool normals = a->normals != NULL;
+    deformer->affine = a->skinning == PC_SKINNING_ROTATION;
     deformer->vertex_count = a->vertex_count;
     deformer->joint_count = a->joint_count;
     deformer->kernel = pci_deform_kernel_best();
     deformer->rows.set_count = (a->influences + PCI_DEFORM_SET - 1) / PCI_DEFORM_SET;
     const size_t bytes = blocks * pci_deform_block_bytes(&deformer->rows);
     deformer->memory =
-        PCI_ALLOCATE(context, char, 64 + bytes + (turns ? blocks * PCI_DEFORM_REST : 0));
+        PCI_ALLOCATE(context, char, 64 + bytes + (normals ? blocks * PCI_DEFORM_REST : 0));
     deformer->joint_positions = PCI_ALLOCATE(context, float, 3 * a->joint_count);
     if (deformer->memory == NULL || deformer->joint_positions == NULL) {
         return pci_fail_memory(context, stage);
@@ -153,12 +159,13 @@ static pc_status fill(pc_context *context, const pc_deform_arrays *a, pc_deforme
     deformer->rows.blocks = start;
     memcpy(deformer->joint_positions, a->joint_positions, 3 * a->joint_count * sizeof(float));
     const pc_status status = pack_blocks(context, a, &deformer->rows, start);
-    if (status != PC_OK || !turns) {
-        return status;
+    if (status == PC_OK && normals) {
+        deformer->rows.normals = start + bytes;
+        memcpy(start + bytes, a->normals, 3 * a->vertex_count * sizeof(float));
     }
-    deformer->rows.normals = start + bytes;
-    memcpy(start + bytes, a->normals, 3 * a->vertex_count * sizeof(float));
-    return build_estimator(context, a, &deformer->estimator);
+    return status == PC_OK && (normals || deformer->affine)
+               ? build_estimator(context, a, &deformer->estimator)
+               : status;
 }
 
 pc_status pc_deform_prepare(pc_context *context, const pc_deform_arrays *arrays,
@@ -233,16 +240,19 @@ pc_status pc_deform_prepare_asset(pc_context *context, const pc_asset *asset,
     for (size_t i = 0; i < 3 * joint_count; ++i) {
         joint_positions[i] = (float)asset->proxy.positions[i];
     }
-    const pc_deform_arrays arrays = {.vertex_count = count,
-                                     .positions = positions,
-                                     .normals = normals,
-                                     .influences = influences,
-                                     .joints = joints,
-                                     .weights = weights,
-                                     .joint_count = joint_count,
-                                     .joint_positions = joint_positions,
-                                     .triangle_count = asset->proxy.triangle_count,
-                                     .triangles = asset->proxy.triangles};
+    const pc_deform_arrays arrays = {
+        .vertex_count = count,
+        .positions = positions,
+        .normals = normals,
+        .influences = influences,
+        .joints = joints,
+        .weights = weights,
+        .joint_count = joint_count,
+        .joint_positions = joint_positions,
+        .triangle_count = asset->proxy.triangle_count,
+        .triangles = asset->proxy.triangles,
+        .skinning = skin->skinning,
+        .pinned = skin->skinning == PC_SKINNING_ROTATION ? asset->motion.pinned : NULL};
     const pc_status status = pc_deform_prepare(context, &arrays, deformer);
     pci_scratch_end(&scratch);
     return status;
@@ -267,16 +277,37 @@ static inline const float *joint_at(const float *joints, size_t stride, size_t j
 }
 
 static void put_columns(void *user, size_t joint, const double rotation[9]) {
-    float *rotations = user, *columns = &rotations[16 * joint];
-    for (size_t k = 0; k < 16; ++k) {
-        const size_t row = k % 4, column = k / 4;
-        columns[k] = row < 3 && column < 3 ? (float)rotation[3 * row + column] : 0.0F;
+    float *maps = user, *columns = &maps[16 * joint];
+    for (size_t k = 0; k < 3; ++k) {
+        columns[4 * k] = (float)rotation[k];
+        columns[4 * k + 1] = (float)rotation[3 + k];
+        columns[4 * k + 2] = (float)rotation[6 + k];
+        columns[4 * k + 3] = 0.0F;
+    }
+    columns[12] = columns[13] = columns[14] = columns[15] = 0.0F;
+}
+
+// The last column of each map: where the joint takes the origin.
+static void put_origins(const pc_deformer *deformer, const float *joints, size_t stride,
+                        float *maps) {
+    for (size_t j = 0; j < deformer->joint_count; ++j) {
+        const float *rest = &deformer->joint_positions[3 * j], *now = joint_at(joints, stride, j);
+        float *columns = &maps[16 * j];
+        for (size_t k = 0; k < 3; ++k) {
+            double at = (double)now[k];
+            for (size_t c = 0; c < 3; ++c) {
+                at -= (double)columns[4 * c + k] * (double)rest[c];
+            }
+            columns[12 + k] = (float)at;
+        }
     }
 }
 
-void pc_deform_pose(const pc_deformer *deformer, const float *joints, size_t stride, void *pose) {
+void pc_deform_pose_rotated(const pc_deformer *deformer, const float *joints, size_t stride,
+                            const float *rotations, size_t rotation_stride, void *pose) {
     const pose_parts parts = parts_of(deformer, pose);
     stride = stride != 0 ? stride : 3 * sizeof(float);
+    rotation_stride = rotation_stride != 0 ? rotation_stride : 4 * sizeof(float);
     for (size_t j = 0; j < deformer->joint_count; ++j) {
         const float *joint = joint_at(joints, stride, j);
         float *displacement = &parts.displacements[4 * j];
@@ -285,11 +316,40 @@ void pc_deform_pose(const pc_deformer *deformer, const float *joints, size_t str
         }
         displacement[3] = 0.0F;
     }
-    if (deformer->rows.normals == NULL) {
+    if (deformer->estimator == NULL) {
         return;
     }
-    const pci_points points = {joints, stride, true};
-    pci_rotation_estimate(deformer->estimator, &points, put_columns, parts.rotations);
+    if (rotations == NULL) {
+        const pci_points points = {joints, stride, true};
+        pci_rotation_estimate(deformer->estimator, &points, (double *)(void *)parts.maps, 8,
+                              put_columns, parts.maps);
+    }
+    for (size_t j = 0; j < deformer->joint_count && rotations != NULL; ++j) {
+        const float *given = joint_at(rotations, rotation_stride, j);
+        const double q[4] = {(double)given[0], (double)given[1], (double)given[2],
+                             (double)given[3]};
+        double r[9];
+        pci_matrix_of_quaternion(q, r);
+        put_columns(parts.maps, j, r);
+    }
+    if (deformer->affine) {
+        put_origins(deformer, joints, stride, parts.maps);
+    }
+}
+
+void pc_deform_pose(const pc_deformer *deformer, const float *joints, size_t stride, void *pose) {
+    pc_deform_pose_rotated(deformer, joints, stride, NULL, 0, pose);
+}
+
+static void put_positions(const pc_deformer *deformer, const pose_parts *parts, size_t begin,
+                          size_t end, const pc_deform_output *output, size_t stride) {
+    if (deformer->affine) {
+        deformer->kernel->affine(&deformer->rows, parts->maps, begin, end,
+                                 (char *)output->positions, stride);
+    } else {
+        deformer->kernel->positions(&deformer->rows, parts->displacements, begin, end,
+                                    (char *)output->positions, stride);
+    }
 }
 
 void pc_deform(const pc_deformer *deformer, const void *pose, size_t begin, size_t end,
@@ -300,15 +360,13 @@ void pc_deform(const pc_deformer *deformer, const void *pose, size_t begin, size
     const size_t normal_stride = output->normal_stride != 0 ? output->normal_stride : tight;
     const pci_deform_rows *rows = &deformer->rows;
     if (output->normals == NULL) {
-        deformer->kernel->positions(rows, parts.displacements, begin, end,
-                                    (char *)output->positions, position_stride);
+        put_positions(deformer, &parts, begin, end, output, position_stride);
         return;
     }
     for (size_t first = begin; first < end;) {
         const size_t next = (first / PIECE + 1) * PIECE, last = end < next ? end : next;
-        deformer->kernel->positions(rows, parts.displacements, first, last,
-                                    (char *)output->positions, position_stride);
-        deformer->kernel->normals(rows, parts.rotations, first, last, (char *)output->normals,
+        put_positions(deformer, &parts, first, last, output, position_stride);
+        deformer->kernel->normals(rows, parts.maps, first, last, (char *)output->normals,
                                   normal_stride);
         first = last;
     }

@@ -15,12 +15,11 @@ typedef struct spoke {
 } spoke;
 
 struct pc_rotation_estimator {
-    size_t vertex_count;
+    size_t vertex_count, triangle_count;
     double *frames;       // #V by 9: tangent, second tangent, normal at rest; 0: never turns
     size_t *spoke_ranges; // #V + 1
     spoke *spokes;
-    size_t *corner_ranges; // #V + 1, of the triangles around each vertex
-    uint32_t *corners;     // 2 per triangle: its other corners, in order
+    uint32_t *triangles; // #triangles by 3
     // Pinned vertices in bodies.
     uint8_t *pinned; // #V
     double *rest;    // #V by 3; only where there are pins
@@ -71,47 +70,37 @@ void pci_matrix_of_quaternion(const double quaternion[4], double r[9]) {
 
 // ---- preparation --------------------------------------------------------------------------------
 
-// Sum of the area vectors of the triangles around a vertex, twice.
-static void area_vector(const pc_rotation_estimator *e, const pci_points *pose, size_t vertex,
-                        const double here[3], double area[3]) {
-    area[0] = area[1] = area[2] = 0.0;
-    for (size_t t = e->corner_ranges[vertex]; t < e->corner_ranges[vertex + 1]; ++t) {
-        double a[3], b[3], cross[3];
-        get_point(pose, e->corners[2 * t], a);
-        get_point(pose, e->corners[2 * t + 1], b);
-        pci_sub(a, here, a);
-        pci_sub(b, here, b);
-        pci_cross(a, b, cross);
-        area[0] += cross[0], area[1] += cross[1], area[2] += cross[2];
+// Twice the sum of the area vectors of the triangles around each vertex; #V by `stride`, of which
+// the first 3 are used.
+static void sum_areas(const pc_rotation_estimator *e, const pci_points *pose, double *areas,
+                      size_t stride) {
+    for (size_t v = 0; v < e->vertex_count; ++v) {
+        double *area = &areas[v * stride];
+        area[0] = area[1] = area[2] = 0.0;
     }
-}
-
-static void list_corners(const pc_mesh *mesh, pc_rotation_estimator *e) {
-    size_t *ends = e->corner_ranges + 1; // while they are filled: where the next one goes
-    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
-        const size_t v = mesh->triangles[i];
-        if (v + 1 < mesh->vertex_count) {
-            ++ends[v + 1];
+    for (size_t t = 0; t < e->triangle_count; ++t) {
+        const uint32_t *corner = &e->triangles[3 * t];
+        double a[3], b[3], c[3], cross[3];
+        get_point(pose, corner[0], a);
+        get_point(pose, corner[1], b);
+        get_point(pose, corner[2], c);
+        pci_sub(b, a, b);
+        pci_sub(c, a, c);
+        pci_cross(b, c, cross);
+        for (size_t i = 0; i < 3; ++i) {
+            double *area = &areas[corner[i] * stride];
+            area[0] += cross[0], area[1] += cross[1], area[2] += cross[2];
         }
-    }
-    for (size_t v = 1; v < mesh->vertex_count; ++v) {
-        ends[v] += ends[v - 1];
-    }
-    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
-        const uint32_t *corner = &mesh->triangles[i / 3 * 3];
-        const size_t at = ends[mesh->triangles[i]]++;
-        e->corners[2 * at] = corner[(i + 1) % 3];
-        e->corners[2 * at + 1] = corner[(i + 2) % 3];
     }
 }
 
 static void list_spokes(const pc_mesh *mesh, const pci_topology *topology,
                         pc_rotation_estimator *e) {
     const pci_points rest = {mesh->positions, 3 * sizeof(double), false};
+    sum_areas(e, &rest, &e->frames[6], 9);
     for (size_t v = 0; v < mesh->vertex_count; ++v) {
         const double *here = &mesh->positions[3 * v];
         double *tangent = &e->frames[9 * v], *second = tangent + 3, *normal = tangent + 6;
-        area_vector(e, &rest, v, here, normal);
         if (pci_normalize(normal)) {
             const double helper[3] = {fabs(normal[0]) < 0.7 ? 1.0 : 0.0,
                                       fabs(normal[0]) < 0.7 ? 0.0 : 1.0, 0.0};
@@ -168,19 +157,21 @@ static bool fill(pc_context *context, const pc_mesh *mesh, const uint8_t *pinned
         e->frames = PCI_ALLOCATE(context, double, 9 * nv);
         e->spoke_ranges = PCI_ALLOCATE(context, size_t, nv + 1);
         e->spokes = PCI_ALLOCATE(context, spoke, topology.ring_offsets[nv]);
-        e->corner_ranges = PCI_ALLOCATE(context, size_t, nv + 1);
-        e->corners = PCI_ALLOCATE(context, uint32_t, 6 * mesh->triangle_count);
+        e->triangles = PCI_ALLOCATE(context, uint32_t, 3 * mesh->triangle_count);
         e->pinned = PCI_ALLOCATE(context, uint8_t, nv);
         e->body_ranges = PCI_ALLOCATE(context, size_t, nv + 1);
         e->members = PCI_ALLOCATE(context, uint32_t, nv);
         e->rest = PCI_ALLOCATE(context, double, 3 * nv);
         good = e->frames != NULL && e->spoke_ranges != NULL && e->spokes != NULL &&
-               e->corner_ranges != NULL && e->corners != NULL && e->pinned != NULL &&
-               e->body_ranges != NULL && e->members != NULL && e->rest != NULL;
+               e->triangles != NULL && e->pinned != NULL && e->body_ranges != NULL &&
+               e->members != NULL && e->rest != NULL;
     }
     if (good) {
         memcpy(e->rest, mesh->positions, 3 * nv * sizeof(double));
-        list_corners(mesh, e);
+        e->triangle_count = mesh->triangle_count;
+        if (mesh->triangle_count > 0) {
+            memcpy(e->triangles, mesh->triangles, 3 * mesh->triangle_count * sizeof(uint32_t));
+        }
         list_spokes(mesh, &topology, e);
         for (size_t v = 0; v < nv && pinned != NULL; ++v) {
             e->pinned[v] = pinned[v] != 0;
@@ -221,8 +212,7 @@ void pc_rotation_estimator_destroy(pc_context *context, pc_rotation_estimator *e
     pc_release(context, e->frames);
     pc_release(context, e->spoke_ranges);
     pc_release(context, e->spokes);
-    pc_release(context, e->corner_ranges);
-    pc_release(context, e->corners);
+    pc_release(context, e->triangles);
     pc_release(context, e->pinned);
     pc_release(context, e->rest);
     pc_release(context, e->body_ranges);
@@ -233,11 +223,11 @@ void pc_rotation_estimator_destroy(pc_context *context, pc_rotation_estimator *e
 // ---- every frame --------------------------------------------------------------------------------
 
 static void turn_vertex(const pc_rotation_estimator *e, const pci_points *pose, size_t vertex,
-                        double r[9]) {
+                        const double area[3], double r[9]) {
     const double *rest = &e->frames[9 * vertex];
-    double here[3], normal[3], along[3] = {0.0}, across[3] = {0.0}, tangent[3], second[3];
+    double here[3], normal[3] = {area[0], area[1], area[2]}, along[3] = {0.0}, across[3] = {0.0},
+                    tangent[3], second[3];
     get_point(pose, vertex, here);
-    area_vector(e, pose, vertex, here, normal);
     const bool flat = !pci_normalize(normal);
     for (size_t s = e->spoke_ranges[vertex]; s < e->spoke_ranges[vertex + 1]; ++s) {
         const spoke *at = &e->spokes[s];
@@ -262,9 +252,10 @@ static void turn_vertex(const pc_rotation_estimator *e, const pci_points *pose, 
         return;
     }
     pci_cross(normal, tangent, second);
-    for (size_t k = 0; k < 9; ++k) {
-        const size_t i = k / 3, j = k % 3;
-        r[k] = tangent[i] * rest[j] + second[i] * rest[3 + j] + normal[i] * rest[6 + j];
+    for (size_t i = 0; i < 3; ++i) {
+        for (size_t j = 0; j < 3; ++j) {
+            r[3 * i + j] = tangent[i] * rest[j] + second[i] * rest[3 + j] + normal[i] * rest[6 + j];
+        }
     }
 }
 
@@ -311,12 +302,13 @@ static void turn_bodies(const pc_rotation_estimator *e, const pci_points *pose,
     }
 }
 
-void pci_rotation_estimate(const pc_rotation_estimator *e, const pci_points *pose,
-                           pci_put_rotation *put, void *user) {
+void pci_rotation_estimate(const pc_rotation_estimator *e, const pci_points *pose, double *areas,
+                           size_t stride, pci_put_rotation *put, void *user) {
+    sum_areas(e, pose, areas, stride);
     for (size_t v = 0; v < e->vertex_count; ++v) {
         double r[9];
         if (e->pinned[v] == 0) {
-            turn_vertex(e, pose, v, r);
+            turn_vertex(e, pose, v, &areas[v * stride], r);
             put(user, v, r);
         }
     }
@@ -331,7 +323,7 @@ static void put_quaternion(void *user, size_t vertex, const double rotation[9]) 
 void pc_rotation_estimate(const pc_rotation_estimator *estimator, const double *positions,
                           double *rotations) {
     const pci_points pose = {positions, 3 * sizeof(double), false};
-    pci_rotation_estimate(estimator, &pose, put_quaternion, rotations);
+    pci_rotation_estimate(estimator, &pose, rotations, 4, put_quaternion, rotations);
 }
 
 typedef struct motion_job {

@@ -18,8 +18,10 @@ typedef void pci_put_rotation(void *user, size_t vertex, const double rotation[9
 PC_NODISCARD pc_status pci_rotation_prepare(pc_context *context, const char *stage,
                                             const pc_mesh *mesh, const uint8_t *pinned,
                                             pc_rotation_estimator **estimator);
+// `areas`: room for 3 numbers per vertex, `stride` from one to the next; that of a vertex may be
+// where `put` writes its rotation.
 void pci_rotation_estimate(const pc_rotation_estimator *estimator, const pci_points *pose,
-                           pci_put_rotation *put, void *user);
+                           double *areas, size_t stride, pci_put_rotation *put, void *user);
 
 // pc_rotation_estimate_motion into scratch memory where `wanted`; else NULL.
 PC_NODISCARD pc_status pci_rotations_of_motion(pci_scratch *scratch, const char *stage,

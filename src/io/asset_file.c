@@ -451,10 +451,14 @@ static uint64_t end_of_file(const unsigned char *bytes) {
 }
 
 static void write_image(asset_file *file, const closed_image *image) {
+    if (image->bytes == NULL) {
+        file->status = pci_fail_memory(file->context, STAGE);
+        return;
+    }
     const size_t size = end_of_file(image->bytes);
     unsigned char seal[SEAL_SIZE];
     make_seal(image->bytes, size, seal);
-    pci_atomic_file output;
+    pci_atomic_file output = {0};
     file->status = pci_atomic_begin(file->context, STAGE, file->path, &output);
     if (file->status == PC_OK) {
         fwrite(image->bytes, 1, size, output.stream);

@@ -773,7 +773,7 @@ static pc_status write_glb(pci_glb *glb, const char *path) {
     }
     const size_t json_size = strlen(text);
     const size_t total = 12 + 8 + (json_size + 3) / 4 * 4 + 8 + (glb->size + 3) / 4 * 4;
-    pci_atomic_file file;
+    pci_atomic_file file = {0};
     pc_status status;
     if (total > UINT32_MAX) {
         status = pci_fail(glb->context, PC_ERROR_TOO_LARGE, STAGE,

@@ -4,7 +4,7 @@
 
 #include "support/test.h"
 
-// `around` vertices in each of rows + 1 circles, every other circle turned by half a step.
+// `around` vertices in each of rows + 1 circles.
 static inline pc_mesh make_tube(pc_context *context, size_t around, size_t rows, double radius,
                                 double length) {
     pc_mesh mesh = {.vertex_count = around * (rows + 1), .triangle_count = 2 * around * rows};
@@ -14,8 +14,7 @@ static inline pc_mesh make_tube(pc_context *context, size_t around, size_t rows,
     const double full = 2.0 * acos(-1.0);
     for (size_t v = 0; v < mesh.vertex_count; ++v) {
         const size_t row = v / around;
-        const double angle =
-            full * ((double)(v % around) + 0.5 * (double)(row % 2)) / (double)around;
+        const double angle = full * (double)(v % around) / (double)around;
         mesh.positions[3 * v] = radius * cos(angle);
         mesh.positions[3 * v + 1] = radius * sin(angle);
         mesh.positions[3 * v + 2] = length * (double)row / (double)rows;
@@ -24,10 +23,10 @@ static inline pc_mesh make_tube(pc_context *context, size_t around, size_t rows,
         const size_t row = t / 2 / around, i = t / 2 % around, next = (i + 1) % around;
         const size_t a = row * around + i, b = row * around + next;
         const size_t c = a + around, d = b + around; // above
-        const bool even = row % 2 == 0;
+        // Diagonals in turn, so that no sense of rotation is preferred.
         const size_t halves[2][2][3] = {{{a, b, d}, {a, d, c}}, {{a, b, c}, {b, d, c}}};
         for (size_t k = 0; k < 3; ++k) {
-            mesh.triangles[3 * t + k] = (uint32_t)halves[even][t % 2][k];
+            mesh.triangles[3 * t + k] = (uint32_t)halves[(row + i) % 2][t % 2][k];
         }
     }
     return mesh;

@@ -8,7 +8,8 @@ static const char stage[] = "skin";
 enum { SWEEPS = 4, SAMPLE_BLOCKS = 4 }; // sweeps per round
 
 static const double sample_rounds = 0.75; // of the rounds at most
-static const double longest_step = 8.0;   // along the last round's
+// Along the last round's; it may have gone too far.
+static const double longest_step = 8.0, longest_step_back = 0.5;
 
 typedef struct gram_job {
     const double *columns; // #rows by size
@@ -161,8 +162,10 @@ static double step_length(const pci_skin_alternation *a, const double *weights) 
         slope += a->gradient[k] * step;
         curvature += (a->gradient[k] - a->last_gradient[k]) * step;
     }
-    const double length = curvature > 0.0 && slope < 0.0 ? -slope / curvature : 0.0;
-    return length < longest_step ? length : longest_step;
+    const double length = curvature > 0.0 ? -slope / curvature : 0.0;
+    return length > longest_step         ? longest_step
+           : length < -longest_step_back ? -longest_step_back
+                                         : length;
 }
 
 // W + factor (W - before), brought back to the simplex; `before` becomes W.
@@ -260,6 +263,7 @@ pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, dou
     const uint32_t most = rough ? rounds : (uint32_t)(sample_rounds * rounds);
     bool sampled = a->levels[PCI_SKIN_SAMPLE].stride > 1, same_frames = false;
     row_job job = {.a = a, .weights = weights};
+    double lowered = 0.0;
     for (uint32_t round = 0; round < rounds; ++round) {
         const double share = (double)round / (double)rounds;
         if (sampled && round >= most) {
@@ -282,9 +286,9 @@ pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, dou
         for (size_t k = 0; k < count; ++k) {
             fall += 0.5 * a->gradient[k] * (a->before[k] - weights[k]);
         }
-        a->lowered += fall;
+        lowered += fall;
         same_frames = true;
-        if (fall <= tolerance * a->lowered) {
+        if (fall <= tolerance * lowered) {
             if (!sampled || rough) {
                 break;
             }

@@ -31,7 +31,6 @@ typedef struct pci_skin_alternation {
     double spacing;                            // of the proxy's vertices, squared
     double *gradient, *last_gradient, *before; // #V by slots
     pci_skin_sums *sums;                       // #patches by #blocks
-    double lowered;                            // the energy, by all rounds so far
     uint32_t rounds;                           // so far
 } pci_skin_alternation;
 
@@ -48,7 +47,7 @@ bool pci_skin_alternation_weigh(pci_scratch *scratch, pci_skin_alternation *alte
                                 const double lambda[4], double lambda_follow);
 
 // At most `rounds` rounds of one pass over frames and some sweeps; stops when a round lowers the
-// energy by less than `tolerance` of what all rounds so far have. Most rounds see a sample of
+// energy by less than `tolerance` of what all rounds of this call have. Most rounds see a sample of
 // the frames, the last ones all unless `rough`.
 // @param[in,out] weights  in: any; slots that are not allowed are 0.
 PC_NODISCARD pc_status pci_skin_alternation_run(pci_skin_alternation *alternation, uint32_t rounds,

@@ -156,7 +156,7 @@ int batch_read_manifest(batch_plan *plan, const char *path) {
     size_t size = 0;
     int code = CLI_OK;
     manifest_line line = {.plan = plan, .manifest = path};
-    for (ssize_t length; (length = getline(&text, &size, file)) >= 0;) {
+    while (getline(&text, &size, file) >= 0) {
         ++line.number;
         if (is_blank(text)) {
             continue;

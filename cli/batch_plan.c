@@ -133,13 +133,22 @@ static void keep_shard(batch_plan *plan) {
 }
 
 // "2/5": the second of five.
+static bool read_shard(const char *text, unsigned *shard, unsigned *count) {
+    char *slash, *end;
+    const unsigned long number = strtoul(text, &slash, 10);
+    if (*slash != '/' || strspn(text, "0123456789/") != strlen(text)) {
+        return false;
+    }
+    const unsigned long of = strtoul(slash + 1, &end, 10);
+    *shard = (unsigned)number;
+    *count = (unsigned)of;
+    return *end == '\0' && number >= 1 && number <= of && of <= 999999999;
+}
+
 static int take_shard(batch_plan *plan) {
     const char *text = plan->arguments->shard;
-    char rest;
     plan->shard = plan->shard_count = 1;
-    if (text == NULL || (strspn(text, "0123456789/") == strlen(text) &&
-                         sscanf(text, "%9u/%9u%c", &plan->shard, &plan->shard_count, &rest) == 2 &&
-                         plan->shard >= 1 && plan->shard <= plan->shard_count)) {
+    if (text == NULL || read_shard(text, &plan->shard, &plan->shard_count)) {
         return CLI_OK;
     }
     return cli_fail(plan->command->name, CLI_USAGE,

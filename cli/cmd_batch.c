@@ -141,6 +141,7 @@ static void conclude(batch_run *r, batch_job *job, const batch_key *key, batch_e
         ending->code = code;
         ending->message = message;
         (void)batch_record_make(job, key, ending);
+        ending->message = NULL; // ends with this function
     }
     finish(r, job, true);
 }

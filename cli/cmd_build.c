@@ -220,8 +220,8 @@ static int finish(build_run *r, size_t garment, uint32_t vertices) {
 // Shares the vertices between the garments by the area of their single layers. The caller frees
 // the result; NULL after a message.
 static uint32_t *share(const build_run *r, uint32_t vertices) {
-    double *areas = calloc(r->garment_count, sizeof(*areas));
-    uint32_t *shares = calloc(r->garment_count, sizeof(*shares));
+    double *areas = calloc(r->garment_count + 1, sizeof(*areas));
+    uint32_t *shares = calloc(r->garment_count + 1, sizeof(*shares));
     pc_status status = PC_ERROR_OUT_OF_MEMORY;
     for (size_t i = 0; areas != NULL && i < r->garment_count; ++i) {
         areas[i] = pc_mesh_area(&r->assets[i].single_layer);

@@ -87,6 +87,12 @@ static pc_status make_weights(const comparison *c, weights_source source, pc_ski
     return PC_ERROR_INTERNAL;
 }
 
+// All weights are compared with the skinning of the asset's, or the one asked for.
+static uint32_t skinning_of(const comparison *c) {
+    return c->asset.stage_count > PC_STAGE_SKIN ? c->asset.skin.skinning
+                                                : c->arguments->options.skin.skinning;
+}
+
 static int compare(comparison *c) {
     static const char *const names[] = {NULL, "inverse distance", "closest triangle",
                                         "heat-smoothed triangle"};
@@ -100,6 +106,7 @@ static int compare(comparison *c) {
         }
         pc_skin skin = {0};
         const pc_status status = make_weights(c, source, &skin);
+        skin.skinning = skinning_of(c);
         code = status == PC_OK
                    ? measure(c, source == FROM_GLB ? c->arguments->inputs[1] : names[source], &skin)
                    : cli_fail_status(c->command->name, c->context, status, NULL, false);
@@ -108,9 +115,13 @@ static int compare(comparison *c) {
     return code;
 }
 
+static const char *skinning_name(const comparison *c) {
+    return skinning_of(c) == PC_SKINNING_ROTATION ? "translation and rotation" : "translation only";
+}
+
 static void print_table(const comparison *c) {
-    printf("# wind %u, %zu frames\n", (unsigned)c->arguments->motion.wind_seed,
-           c->motion.frame_count);
+    printf("# wind %u, %zu frames, %s\n", (unsigned)c->arguments->motion.wind_seed,
+           c->motion.frame_count, skinning_name(c));
     printf("%-24s %3s %9s %9s %8s %8s %8s %9s %8s %8s %7s\n", "weights", "K", "L_r", "L_c",
            "strain", "p95", "folded", "new self-", "pinned", "worst", "motion");
     printf("%-24s %3s %9s %9s %8s %8s %8s %9s %8s %8s %7s\n", "", "", "", "", "", "", "%",
@@ -136,6 +147,7 @@ static int print_result(const comparison *c) {
     cJSON *root = cJSON_CreateObject();
     json_number(root, "wind_seed", (double)c->arguments->motion.wind_seed);
     json_number(root, "frames", (double)c->motion.frame_count);
+    json_text(root, "skinning", skinning_name(c));
     cJSON *rows = json_array(root, "weights");
     for (size_t i = 0; i < c->count; ++i) {
         char name[512];

@@ -129,13 +129,14 @@ static int collect(page_writer *w, const char *relative, int depth) {
         struct stat status;
         if (path == NULL) {
             code = fail_memory(w);
-        } else if (fstatat(dirfd(directory), entry->d_name, &status, 0) != 0) {
-            free(path);
-        } else if (S_ISDIR(status.st_mode) && depth < DEEPEST_FOLDER) {
+            continue;
+        }
+        const bool known = fstatat(dirfd(directory), entry->d_name, &status, 0) == 0;
+        if (known && S_ISDIR(status.st_mode) && depth < DEEPEST_FOLDER) {
             snprintf(path, size, "%s%s/", relative, entry->d_name);
             code = collect(w, path, depth + 1);
             free(path);
-        } else if (S_ISREG(status.st_mode) && ends_with(entry->d_name, ".json")) {
+        } else if (known && S_ISREG(status.st_mode) && ends_with(entry->d_name, ".json")) {
             snprintf(path, size, "%s%s", relative, entry->d_name);
             if (!add_path(w, path)) {
                 free(path);

@@ -480,6 +480,9 @@ static void read_poses(scene_reader *reader) {
                       &s->poses[12 * joints * s->header.pose_count++]);
         }
     }
+    free(worlds);
+    free(inverses);
+    free(channels);
 }
 
 // ---- units and axes -----------------------------------------------------------------------------

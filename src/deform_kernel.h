@@ -30,8 +30,10 @@ typedef struct pci_deform_kernel {
     // out = rest + sum w d; `displacements` #J by 4.
     void (*positions)(const pci_deform_rows *rows, const float *displacements, size_t begin,
                       size_t end, char *output, size_t stride);
-    // out = unit(sum w R rest); `rotations` #J by 4 columns by 4, aligned to 64 bytes, the last
-    // column is 0.
+    // out = sum w (R rest + t); `maps` #J by 4 columns by 4, aligned to 64 bytes, the last is t.
+    void (*affine)(const pci_deform_rows *rows, const float *maps, size_t begin, size_t end,
+                   char *output, size_t stride);
+    // out = unit(sum w R rest); `rotations` likewise, the last column does not matter.
     void (*normals)(const pci_deform_rows *rows, const float *rotations, size_t begin, size_t end,
                     char *output, size_t stride);
 } pci_deform_kernel;

@@ -67,6 +67,42 @@ static void positions(const pci_deform_rows *rows, const float *displacements, s
     pci_deform_generic.positions(rows, displacements, span.tail, end, output, stride);
 }
 
+// sum w (R rest + t) of vertex i of a block.
+static inline __m128 map_point(const char *block, size_t size, const float *maps, size_t i) {
+    __m256 xy = _mm256_setzero_ps(), zt = _mm256_setzero_ps();
+    for (const char *set = block + PCI_DEFORM_REST; set < block + size;
+         set += PCI_DEFORM_SET_BYTES) {
+        const float *weights = floats(set) + 4 * i;
+        const uint16_t *joint = shorts(set + PCI_DEFORM_WEIGHTS) + 4 * i;
+        for (size_t k = 0; k < PCI_DEFORM_SET; ++k) {
+            const float *columns = &maps[16 * (size_t)joint[k]];
+            const __m256 w = _mm256_set1_ps(weights[k]);
+            xy = _mm256_add_ps(xy, _mm256_mul_ps(w, _mm256_load_ps(columns)));
+            zt = _mm256_add_ps(zt, _mm256_mul_ps(w, _mm256_load_ps(columns + 8)));
+        }
+    }
+    const float *p = floats(block) + 3 * i;
+    xy = _mm256_mul_ps(xy, _mm256_set_m128(_mm_set1_ps(p[1]), _mm_set1_ps(p[0])));
+    zt = _mm256_mul_ps(zt, _mm256_set_m128(_mm_set1_ps(1.0F), _mm_set1_ps(p[2])));
+    return _mm_add_ps(_mm_add_ps(_mm256_castps256_ps128(xy), _mm256_extractf128_ps(xy, 1)),
+                      _mm_add_ps(_mm256_castps256_ps128(zt), _mm256_extractf128_ps(zt, 1)));
+}
+
+static void affine(const pci_deform_rows *rows, const float *maps, size_t begin, size_t end,
+                   char *output, size_t stride) {
+    const pci_deform_span span = pci_deform_whole_blocks(begin, end);
+    const size_t size = pci_deform_block_bytes(rows);
+    pci_deform_generic.affine(rows, maps, begin, span.head, output, stride);
+    for (size_t v = PCI_DEFORM_BLOCK * span.first; v < PCI_DEFORM_BLOCK * span.last; v += 2) {
+        const char *block = rows->blocks + v / PCI_DEFORM_BLOCK * size;
+        const size_t i = v % PCI_DEFORM_BLOCK;
+        store_two(
+            output + v * stride, stride,
+            _mm256_set_m128(map_point(block, size, maps, i + 1), map_point(block, size, maps, i)));
+    }
+    pci_deform_generic.affine(rows, maps, span.tail, end, output, stride);
+}
+
 // sum w R rest of vertex i of a block.
 static inline __m128 turn(const char *block, size_t size, const float *normals,
                           const float *rotations, size_t i) {
@@ -129,4 +165,5 @@ static void normals(const pci_deform_rows *rows, const float *rotations, size_t 
     pci_deform_generic.normals(rows, rotations, span.tail, end, output, stride);
 }
 
-const pci_deform_kernel pci_deform_avx2 = {.positions = positions, .normals = normals};
+const pci_deform_kernel pci_deform_avx2 = {
+    .positions = positions, .affine = affine, .normals = normals};

@@ -89,9 +89,9 @@ static void positions(const pci_deform_rows *rows, const float *displacements, s
     pci_deform_generic.positions(rows, displacements, span.tail, end, output, stride);
 }
 
-// sum w R rest of vertex i of a block.
-static inline __m128 turn(const char *block, size_t size, const float *normals,
-                          const float *rotations, size_t i) {
+// sum w (R, t) of vertex i of a block, each column times one of four numbers.
+static inline __m512 turn_columns(const char *block, size_t size, const float *maps, size_t i,
+                                  __m128 numbers) {
     const __m512i spread = _mm512_setr_epi32(0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3);
     __m512 sum = _mm512_setzero_ps();
     for (const char *set = block + PCI_DEFORM_REST; set < block + size;
@@ -99,12 +99,45 @@ static inline __m128 turn(const char *block, size_t size, const float *normals,
         const float *w = floats(set) + 4 * i;
         const uint16_t *joint = shorts(set + PCI_DEFORM_WEIGHTS) + 4 * i;
         for (size_t k = 0; k < PCI_DEFORM_SET; ++k) {
-            const __m512 columns = _mm512_load_ps(&rotations[16 * (size_t)joint[k]]);
+            const __m512 columns = _mm512_load_ps(&maps[16 * (size_t)joint[k]]);
             sum = _mm512_add_ps(sum, _mm512_mul_ps(_mm512_set1_ps(w[k]), columns));
         }
     }
-    const __m128 rest = _mm_setr_ps(normals[3 * i], normals[3 * i + 1], normals[3 * i + 2], 0.0F);
-    sum = _mm512_mul_ps(sum, _mm512_permutexvar_ps(spread, _mm512_castps128_ps512(rest)));
+    return _mm512_mul_ps(sum, _mm512_permutexvar_ps(spread, _mm512_castps128_ps512(numbers)));
+}
+
+// sum w (R rest + t) of vertex i of a block.
+static inline __m128 map_point(const char *block, size_t size, const float *maps, size_t i) {
+    const float *p = floats(block) + 3 * i;
+    const __m512 sum = turn_columns(block, size, maps, i, _mm_setr_ps(p[0], p[1], p[2], 1.0F));
+    return _mm_add_ps(_mm_add_ps(_mm512_castps512_ps128(sum), _mm512_extractf32x4_ps(sum, 1)),
+                      _mm_add_ps(_mm512_extractf32x4_ps(sum, 2), _mm512_extractf32x4_ps(sum, 3)));
+}
+
+static void affine(const pci_deform_rows *rows, const float *maps, size_t begin, size_t end,
+                   char *output, size_t stride) {
+    const pci_deform_span span = pci_deform_whole_blocks(begin, end);
+    const size_t size = pci_deform_block_bytes(rows);
+    pci_deform_generic.affine(rows, maps, begin, span.head, output, stride);
+    for (size_t b = span.first; b < span.last; ++b) {
+        const char *block = rows->blocks + b * size;
+        __m512 sums[4];
+        for (size_t q = 0; q < 4; ++q) {
+            sums[q] = _mm512_castps128_ps512(map_point(block, size, maps, 4 * q));
+            sums[q] = _mm512_insertf32x4(sums[q], map_point(block, size, maps, 4 * q + 1), 1);
+            sums[q] = _mm512_insertf32x4(sums[q], map_point(block, size, maps, 4 * q + 2), 2);
+            sums[q] = _mm512_insertf32x4(sums[q], map_point(block, size, maps, 4 * q + 3), 3);
+        }
+        store_block(output + PCI_DEFORM_BLOCK * b * stride, stride, sums);
+    }
+    pci_deform_generic.affine(rows, maps, span.tail, end, output, stride);
+}
+
+// sum w R rest of vertex i of a block.
+static inline __m128 turn(const char *block, size_t size, const float *normals,
+                          const float *rotations, size_t i) {
+    const float *n = &normals[3 * i];
+    const __m512 sum = turn_columns(block, size, rotations, i, _mm_setr_ps(n[0], n[1], n[2], 0.0F));
     return _mm_add_ps(_mm_add_ps(_mm512_castps512_ps128(sum), _mm512_extractf32x4_ps(sum, 1)),
                       _mm512_extractf32x4_ps(sum, 2));
 }
@@ -148,4 +181,5 @@ static void normals(const pci_deform_rows *rows, const float *rotations, size_t 
     pci_deform_generic.normals(rows, rotations, span.tail, end, output, stride);
 }
 
-const pci_deform_kernel pci_deform_avx512 = {.positions = positions, .normals = normals};
+const pci_deform_kernel pci_deform_avx512 = {
+    .positions = positions, .affine = affine, .normals = normals};

@@ -45,6 +45,26 @@ static void positions(const pci_deform_rows *rows, const float *displacements, s
     }
 }
 
+static void affine(const pci_deform_rows *rows, const float *maps, size_t begin, size_t end,
+                   char *output, size_t stride) {
+    for (size_t v = begin; v < end; ++v) {
+        const char *block = rows->blocks + v / PCI_DEFORM_BLOCK * pci_deform_block_bytes(rows);
+        const float *p = (const float *)(const void *)block + 3 * (v % PCI_DEFORM_BLOCK);
+        four x = {0.0F}, y = {0.0F}, z = {0.0F}, t = {0.0F};
+        for (size_t set = 0; set < rows->set_count; ++set) {
+            const row r = row_of(rows, v, set);
+            for (size_t k = 0; k < PCI_DEFORM_SET; ++k) {
+                const float *columns = &maps[16 * (size_t)r.joints[k]];
+                x += r.weights[k] * load(columns);
+                y += r.weights[k] * load(columns + 4);
+                z += r.weights[k] * load(columns + 8);
+                t += r.weights[k] * load(columns + 12);
+            }
+        }
+        store(output + v * stride, (p[0] * x + p[1] * y) + (p[2] * z + t));
+    }
+}
+
 static void normals(const pci_deform_rows *rows, const float *rotations, size_t begin, size_t end,
                     char *output, size_t stride) {
     for (size_t v = begin; v < end; ++v) {
@@ -65,4 +85,5 @@ static void normals(const pci_deform_rows *rows, const float *rotations, size_t 
     }
 }
 
-const pci_deform_kernel pci_deform_generic = {.positions = positions, .normals = normals};
+const pci_deform_kernel pci_deform_generic = {
+    .positions = positions, .affine = affine, .normals = normals};

@@ -4,6 +4,7 @@
 
 #include "core/core.h"
 #include "core/crossing.h"
+#include "core/rotation.h"
 #include "core/topology.h"
 
 static const char stage[] = "evaluate";
@@ -45,7 +46,8 @@ typedef struct evaluation {
     const pc_mesh *surface, *proxy;
     const pc_motion *motion;
     const pc_skin *skin;
-    pc_skin closest;     // closest-triangle weights
+    double *rotations;   // of the proxy, or NULL
+    pc_skin closest;     // closest-triangle weights, which only translate
     const uint8_t *held; // #V, the closest point is pinned
     pci_topology topology;
     double *lengths;  // #E, at rest; 0: left out
@@ -63,7 +65,11 @@ static const double *frame_at(const evaluation *e, size_t frame) {
 }
 
 static void pose(const evaluation *e, const pc_skin *skin, size_t frame, double *out) {
-    pc_skin_deform(skin, e->surface->positions, e->proxy->positions, frame_at(e, frame), out);
+    const double *turned = skin->skinning == PC_SKINNING_ROTATION
+                               ? pci_rotations_at(e->rotations, e->motion, frame)
+                               : NULL;
+    pc_skin_deform(skin, e->surface->positions, e->proxy->positions, frame_at(e, frame), turned,
+                   out);
 }
 
 // ---- preparation --------------------------------------------------------------------------------
@@ -126,6 +132,11 @@ static pc_status prepare(pc_context *context, pci_scratch *scratch, evaluation *
         return status;
     }
     uint8_t *held = PCI_SCRATCH(scratch, uint8_t, nv);
+    status = pci_rotations_of_motion(scratch, stage, e->proxy, e->motion,
+                                     e->skin->skinning == PC_SKINNING_ROTATION, &e->rotations);
+    if (status != PC_OK) {
+        return status;
+    }
     e->posed = PCI_SCRATCH(scratch, double, 3 * nv * workers);
     e->moved = PCI_SCRATCH(scratch, double, 3 * nv * workers);
     e->normals = PCI_SCRATCH(scratch, double, 3 * nf * workers);

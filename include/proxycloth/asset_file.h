@@ -21,7 +21,7 @@
 ///   /simplify         positions, triangles
 ///   /simulate         positions (#frames by #V by 3), pinned, scenario (its JSON text as bytes,
 ///                     without the options); attribute: frame_time
-///   /skin             bones, weights
+///   /skin             bones, weights; attribute: skinning (pc_skinning; absent: 0)
 /// and in each group the groups `options` (not in /visual) and `report`, one attribute per field.
 /// normals, texcoords, colors, curvatures, outer_distances, everything of parts, joints and
 /// pc_character, and an empty scenario are absent where they are NULL.

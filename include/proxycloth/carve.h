@@ -87,6 +87,7 @@ extern const pc_record pc_carve_report_record;
 
 /// @param[in]  surface       the visual mesh.
 /// @param[in]  projected     closed manifold mesh, one label per vertex.
+/// @param[in]  cell_size     of the grid it came from; > 0, both meshes at most 65536 of it wide.
 /// @param[out] single_layer  zeroed on entry.
 /// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_OPTIONS; PC_ERROR_NO_PROXY (no
 ///         triangle is left); PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.

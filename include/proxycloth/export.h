@@ -20,12 +20,16 @@ extern "C" {
 ///   weights as floats or as integers with exact sums (largest remainder), `skin.weight_storage`.
 /// - Joint i is proxy vertex i: flat under one root, node names NAME_joint_0000 and so on, inverse
 ///   bind matrices that only translate. Skinned meshes have no transform of their own.
-/// - Animation "simulation": one LINEAR translation channel per joint, frame f at f * frame_time.
+/// - Animation "simulation": one LINEAR translation channel per joint, frame f at f * frame_time;
+///   for weights of PC_SKINNING_ROTATION also one rotation channel per joint, whose quaternions
+///   keep to one hemisphere from frame to frame.
 /// - Node NAME_proxy: the proxy mesh, vertex i follows joint i. Its extras hold under "proxycloth"
 ///   what a cloth solver of an engine needs:
 ///     version          1
 ///     joints           names of the joints, in the order of the proxy's vertices
 ///     triangles        of the proxy, three vertices each
+///     skinning         "rotation" where the joints turn: the engine's cloth solver then sets their
+///                      rotations too, as proxycloth/rotation.h finds them; absent: they do not
 ///     pinned           vertices that are held
 ///     stretch_springs  along the edges, and
 ///     bend_springs     between the two vertices across an inner edge:

@@ -61,6 +61,7 @@ extern const pc_record pc_graph_options_record;
 extern const pc_record pc_graph_report_record;
 
 /// @param[in]  projected  closed manifold mesh.
+/// @param[in]  cell_size  of the grid the mesh came from; > 0, the mesh at most 65536 of it wide.
 /// @param[out] graph      zeroed on entry.
 /// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_OPTIONS; PC_ERROR_TOO_LARGE;
 ///         PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.

@@ -29,6 +29,7 @@
 #include "proxycloth/mesh.h"
 #include "proxycloth/options.h"
 #include "proxycloth/parts.h"
+#include "proxycloth/rotation.h"
 #include "proxycloth/scenario.h"
 
 #include "proxycloth/carve.h"

@@ -2,14 +2,18 @@
 ///
 /// Each visual vertex follows its nearest proxy vertices by translation-only linear blend skinning,
 ///   v_i(t) = v_i(0) + sum_j w_ij (p_j(t) - p_j(0)),                                  equation (6)
-/// with w >= 0 and sum_j w_ij = 1. The weights minimise
+/// with w >= 0 and sum_j w_ij = 1; or, with `skinning` = rotation, by linear blend skinning with a
+/// rotation R_j(t) of each proxy vertex that its 1-ring tells (proxycloth/rotation.h),
+///   v_i(t) = sum_j w_ij (p_j(t) + R_j(t) (v_i(0) - p_j(0))),
+/// the extension that section 4 names. The weights minimise
 /// lambda_r L_r + lambda_c L_c + lambda_a L_a + lambda_f L_f + lambda_s L_s over the frames:
 /// as-rigid-as-possible over the 1-ring (7), the same over spatial neighbours against collisions
 /// (8), attachment of neighbouring parts (9, 10), following the proxy and keeping lengths (below).
 ///
 /// The default solver alternates. For given weights the best rotations are found for all vertices
 /// and frames, certified as global optima. For given rotations the energy is quadratic in the
-/// weights, and all frames enter through the Gram matrix of the proxy's displacements: Gauss-Seidel
+/// weights, and all frames enter through the Gram matrix of the proxy's displacements (of 3 by 4
+/// matrices where it turns): Gauss-Seidel
 /// sweeps solve each vertex exactly on the simplex, with momentum from round to round. The paper's
 /// AdamW over the surrogate w = |s| / sum |s| needs ten to forty times as long for the same loss.
 ///
@@ -47,7 +51,7 @@
 ///
 /// Time: about 20 ns per vertex, frame seen and round or epoch on one core, in float, and 3 us per
 /// vertex and round. Memory: about 1.5 kB per vertex, 12 B per proxy vertex and frame, and 16 B per
-/// pair of proxy vertices.
+/// pair of proxy vertices. With rotations the last two are 4 and 16 times as much.
 ///
 /// Postconditions: weights >= 0, each row sums to 1 within 1e-12, rows sorted by falling weight.
 #ifndef PROXYCLOTH_SKIN_H
@@ -60,12 +64,19 @@
 extern "C" {
 #endif
 
+/// What of a proxy vertex moves the visual vertices.
+typedef enum pc_skinning {
+    PC_SKINNING_TRANSLATION, ///< its displacement, equation (6)
+    PC_SKINNING_ROTATION,    ///< its displacement and rotation: linear blend skinning
+} pc_skinning;
+
 /// Skinning weights.
 typedef struct pc_skin {
     size_t vertex_count; ///< visual vertices
     uint32_t influences; ///< K, slots per vertex
     uint32_t *bones;     ///< #V by K, proxy vertices; unused slots repeat the first bone
     double *weights;     ///< #V by K, unused slots are 0
+    uint32_t skinning;   ///< pc_skinning, what the weights are for
 } pc_skin;
 
 void pc_skin_free(pc_context *context, pc_skin *skin);
@@ -91,6 +102,7 @@ typedef enum pc_body_channel {
 } pc_body_channel;
 
 typedef struct pc_skin_options {
+    uint32_t skinning;        ///< pc_skinning
     uint32_t solver;          ///< pc_skin_solver
     uint32_t influences;      ///< K of the result
     uint32_t candidates;      ///< k_B, proxy vertices considered per visual vertex; 0: 2 K
@@ -166,12 +178,15 @@ PC_NODISCARD pc_status pc_skin_evaluate(pc_context *context, const pc_mesh *surf
                                         const pc_skin *skin, const pc_skin_options *options,
                                         pc_skin_losses *losses);
 
-/// Equation (6) for one frame: a frame of the driving mesh in, the detailed mesh out.
-/// @param[in]  rest   #V by 3, visual vertices at rest.
+/// Poses the detailed mesh for one frame of the driving mesh.
+/// @param[in]  rest      #V by 3, visual vertices at rest.
 /// @param[in]  proxy_rest, proxy_frame  #P by 3.
-/// @param[out] output #V by 3; may be `rest`.
+/// @param[in]  rotations #P by 4, unit quaternions (x, y, z, w): linear blend skinning,
+///                       v_i = sum_j w_ij (p_j + R_j (v_i(0) - p_j(0))), as weights for
+///                       PC_SKINNING_ROTATION ask for. NULL: equation (6).
+/// @param[out] output    #V by 3; may be `rest`.
 void pc_skin_deform(const pc_skin *skin, const double *rest, const double *proxy_rest,
-                    const double *proxy_frame, double *output);
+                    const double *proxy_frame, const double *rotations, double *output);
 
 #ifdef __cplusplus
 }

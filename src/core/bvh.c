@@ -5,6 +5,7 @@
 #include <pthread.h>
 
 #include "core/context.h"
+#include "core/embree.h"
 #include "core/topology.h"
 
 // Embree sees every triangle as a box in coordinates where the mesh fits a cube of side 1 around
@@ -131,10 +132,9 @@ pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *
                         "%s: a vertex position is infinite or not a number", stage);
     }
 
-    // One thread: the tree, and with it the order of visits, never depends on timing.
     enum RTCError error = RTC_ERROR_NONE;
     build_watch watch = {.context = context, .thread = pthread_self(), .wanted = true};
-    created->device = rtcNewDevice("threads=1");
+    created->device = rtcNewDevice(pci_embree_configuration());
     if (created->device == NULL) {
         error = rtcGetDeviceError(NULL);
     } else {

@@ -77,8 +77,8 @@ const pc_error *pc_context_error(const pc_context *context) { return &context->e
 
 uint32_t pc_context_threads(const pc_context *context) { return pci_pool_threads(context->pool); }
 
-pc_status pci_fail(pc_context *context, pc_status status, const char *stage, const char *format,
-                   ...) {
+pc_status(pci_fail)(pc_context *context, pc_status status, const char *stage, const char *format,
+                    ...) {
     context->error.status = status;
     context->error.stage = stage;
     va_list arguments;
@@ -88,13 +88,13 @@ pc_status pci_fail(pc_context *context, pc_status status, const char *stage, con
     return status;
 }
 
-pc_status pci_fail_memory(pc_context *context, const char *stage) {
+pc_status(pci_fail_memory)(pc_context *context, const char *stage) {
     return context->cancelled
                ? pci_fail_cancelled(context, stage)
                : pci_fail(context, PC_ERROR_OUT_OF_MEMORY, stage, "%s: memory ran out", stage);
 }
 
-pc_status pci_fail_cancelled(pc_context *context, const char *stage) {
+pc_status(pci_fail_cancelled)(pc_context *context, const char *stage) {
     context->cancelled = false;
     return pci_fail(context, PC_ERROR_CANCELLED, stage, "%s: cancelled", stage);
 }

@@ -36,6 +36,19 @@ bool pci_keep_going(pc_context *context);
 
 pc_status pci_fail_cancelled(pc_context *context, const char *stage);
 
+#ifdef __clang_analyzer__ // which sees one file at a time: failures never return PC_OK. The
+                          // functions themselves are defined with their names in parentheses.
+static inline pc_status pci_failure(pc_status status) {
+    if (status == PC_OK) {
+        __builtin_unreachable();
+    }
+    return status;
+}
+#define pci_fail(...)           pci_failure(pci_fail(__VA_ARGS__))
+#define pci_fail_memory(...)    pci_failure(pci_fail_memory(__VA_ARGS__))
+#define pci_fail_cancelled(...) pci_failure(pci_fail_cancelled(__VA_ARGS__))
+#endif
+
 // ---- memory that outlives the call --------------------------------------------------------------
 
 // Zeroed memory for count * size bytes, or NULL (also when the product overflows). A count of 0

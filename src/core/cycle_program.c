@@ -46,7 +46,7 @@ bool pci_cycle_program_create(pci_scratch *scratch, const pci_signed_graph *grap
 
 // Enters the hash; false when it is there already.
 static bool enter(pci_cycle_program *p, uint64_t hash) {
-    size_t slot = hash % p->set_size;
+    size_t slot = p->set_size != 0 ? hash % p->set_size : 0;
     while (p->set[slot] != 0) {
         if (p->set[slot] == hash) {
             return false;

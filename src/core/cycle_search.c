@@ -416,7 +416,7 @@ static void choose_roots(pci_cycle_search *s, const uint8_t *labels) {
 // Adds cycles, most violated first, at most a few through each edge. Those in slots below `stored`
 // are in `cycles`.
 static bool add_found(pci_cycle_search *s, size_t count, size_t stored, size_t *added) {
-    uint32_t edges[LONGEST];
+    uint32_t edges[LONGEST] = {0};
     if (count > 1) {
         qsort(s->found, count, sizeof(*s->found), compare_found);
     }

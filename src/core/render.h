@@ -24,16 +24,20 @@ typedef struct pci_camera {
     double scale;                       // pixels per unit
 } pci_camera;
 
-// What all drawings into an image share; holds no memory.
+// What all drawings into an image share; arrays live in scratch memory.
 typedef struct pci_renderer {
     pc_context *context;
     pci_image *image;
+    size_t tile_size;
+    struct band *bands; // one per worker
     pci_dome dome;
     float decoded[256];    // sRGB to linear
     uint8_t encoded[4097]; // linear to sRGB
 } pci_renderer;
 
-void pci_renderer_set(pci_renderer *renderer, pc_context *context, pci_image *image);
+// For tiles of one size. False: out of memory.
+bool pci_renderer_begin(pci_renderer *renderer, pc_context *context, pci_scratch *scratch,
+                        pci_image *image, size_t tile_size);
 
 // A mesh prepared for drawing; arrays live in scratch memory.
 typedef struct pci_model {
@@ -69,8 +73,8 @@ typedef struct pci_picture {
     const float *colors;
 } pci_picture;
 
-// Draws what a camera sees into tiles of one size, each with colours of its own; pixels that the
-// model does not cover stay. False: out of memory.
+// Draws what a camera sees into tiles, each with colours of its own; pixels that the model does not
+// cover stay. False: out of memory.
 bool pci_draw(const pci_renderer *renderer, const pci_model *model, const pci_camera *camera,
               pci_style style, const pci_picture *pictures, size_t picture_count);
 

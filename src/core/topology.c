@@ -434,9 +434,10 @@ pc_status pci_check_mesh(pc_context *context, const char *stage, const pc_mesh *
                         mesh->vertex_count, mesh->triangle_count, name);
     }
     for (size_t k = 0; k < 3 * mesh->vertex_count; ++k) {
-        if (!isfinite(mesh->positions[k])) {
+        if (!(fabs(mesh->positions[k]) <= PCI_FARTHEST)) {
             return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
-                            "%s: vertex %zu of the %s is not finite", stage, k / 3, name);
+                            "%s: vertex %zu of the %s is not finite or beyond %g", stage, k / 3,
+                            name, PCI_FARTHEST);
         }
     }
     for (size_t c = 0; c < 3 * mesh->triangle_count; ++c) {
@@ -444,6 +445,28 @@ pc_status pci_check_mesh(pc_context *context, const char *stage, const pc_mesh *
             return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
                             "%s: triangle %zu of the %s uses vertex %u of %zu", stage, c / 3, name,
                             mesh->triangles[c], mesh->vertex_count);
+        }
+    }
+    return PC_OK;
+}
+
+pc_status pci_check_mesh_of_cells(pc_context *context, const char *stage, const pc_mesh *mesh,
+                                  const char *name, double cell_size) {
+    const pc_status status = pci_check_mesh(context, stage, mesh, name);
+    if (status != PC_OK) {
+        return status;
+    }
+    if (!(cell_size > 0.0) || !isfinite(cell_size)) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                        "%s: cell_size = %g, it must be positive", stage, cell_size);
+    }
+    double low[3], high[3];
+    pci_bounding_box(mesh, low, high);
+    for (size_t k = 0; k < 3; ++k) {
+        if (!((high[k] - low[k]) / cell_size <= PCI_WIDEST_CELLS)) {
+            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                            "%s: cell_size = %g, the %s is %g wide", stage, cell_size, name,
+                            high[k] - low[k]);
         }
     }
     return PC_OK;

@@ -55,10 +55,21 @@ bool pci_mesh_compact(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *
 // Area-weighted vertex normals, #V by 3, unit (or zero where undefined).
 void pci_vertex_normals(const pc_mesh *mesh, double *normals);
 
+// Coordinates beyond are refused: products of eight of them are still finite. Visual meshes may have
+// 1e30, and the grid around them reaches farther.
+#define PCI_FARTHEST 1e33
+
 // Whether a mesh has vertices and triangles, finite positions and indices in range; NULL has not.
 // `name` is what the message calls it. PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_TOO_LARGE.
 PC_NODISCARD pc_status pci_check_mesh(pc_context *context, const char *stage, const pc_mesh *mesh,
                                       const char *name);
+
+// The same, and whether the cells that the mesh came from have a size that goes with it: work and
+// memory grow with its width in cells, which is N_v and a few more.
+#define PCI_WIDEST_CELLS 65536.0
+PC_NODISCARD pc_status pci_check_mesh_of_cells(pc_context *context, const char *stage,
+                                               const pc_mesh *mesh, const char *name,
+                                               double cell_size);
 
 // Twice the triangle's area times its unit normal.
 void pci_triangle_vector(const pc_mesh *mesh, size_t triangle, double out[3]);

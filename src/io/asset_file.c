@@ -451,10 +451,14 @@ static uint64_t end_of_file(const unsigned char *bytes) {
 }
 
 static void write_image(asset_file *file, const closed_image *image) {
+    if (image->bytes == NULL) {
+        file->status = pci_fail_memory(file->context, STAGE);
+        return;
+    }
     const size_t size = end_of_file(image->bytes);
     unsigned char seal[SEAL_SIZE];
     make_seal(image->bytes, size, seal);
-    pci_atomic_file output;
+    pci_atomic_file output = {0};
     file->status = pci_atomic_begin(file->context, STAGE, file->path, &output);
     if (file->status == PC_OK) {
         fwrite(image->bytes, 1, size, output.stream);
@@ -784,7 +788,7 @@ static bool read_group(asset_file *file, pc_asset *asset, int group) {
     bool good = id >= 0;
     for (size_t i = 0; i < pci_scalar_count && good; ++i) {
         const pci_scalar_info *info = &pci_scalars[i];
-        if (info->group == group) {
+        if (info->group == group && !(info->optional && H5Aexists(id, info->name) == 0)) {
             good = read_numbers(file, id, info->name, info->element, info->length,
                                 (char *)asset + info->offset);
         }

@@ -145,11 +145,12 @@ const pci_array_info pci_arrays[] = {
 const size_t pci_array_count = sizeof(pci_arrays) / sizeof(pci_arrays[0]);
 
 const pci_scalar_info pci_scalars[] = {
-    {GROUP(VOXELIZE), "origin", PCI_ELEMENT_F64, 3, AT(grid.origin)},
-    {GROUP(VOXELIZE), "cell_size", PCI_ELEMENT_F64, 1, AT(grid.cell_size)},
-    {GROUP(VOXELIZE), "size", PCI_ELEMENT_U32, 3, AT(grid.size)},
-    {GROUP(VOXELIZE), "band", PCI_ELEMENT_F64, 1, AT(grid.band)},
-    {GROUP(SIMULATE), "frame_time", PCI_ELEMENT_F64, 1, AT(motion.frame_time)},
+    {GROUP(VOXELIZE), "origin", PCI_ELEMENT_F64, 3, AT(grid.origin), false},
+    {GROUP(VOXELIZE), "cell_size", PCI_ELEMENT_F64, 1, AT(grid.cell_size), false},
+    {GROUP(VOXELIZE), "size", PCI_ELEMENT_U32, 3, AT(grid.size), false},
+    {GROUP(VOXELIZE), "band", PCI_ELEMENT_F64, 1, AT(grid.band), false},
+    {GROUP(SIMULATE), "frame_time", PCI_ELEMENT_F64, 1, AT(motion.frame_time), false},
+    {GROUP(SKIN), "skinning", PCI_ELEMENT_U32, 1, AT(skin.skinning), true},
 };
 const size_t pci_scalar_count = sizeof(pci_scalars) / sizeof(pci_scalars[0]);
 
@@ -357,6 +358,9 @@ static bool check_pairs(const uint32_t *pairs, size_t count, const char *name, c
 }
 
 static bool check_weights(const pc_skin *skin, char *problem, size_t problem_size) {
+    if (skin->skinning > PC_SKINNING_ROTATION) {
+        return report(problem, problem_size, "/skin has an unknown kind of skinning");
+    }
     for (size_t v = 0; v < skin->vertex_count; ++v) {
         double sum = 0.0;
         bool good = true;

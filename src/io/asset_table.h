@@ -97,6 +97,7 @@ typedef struct pci_scalar_info {
     pci_element element;
     uint32_t length;
     size_t offset; // in pc_asset
+    bool optional; // 0 where a file lacks it
 } pci_scalar_info;
 
 extern const pci_scalar_info pci_scalars[];

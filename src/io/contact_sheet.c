@@ -2,6 +2,7 @@
 
 #include "core/core.h"
 #include "core/render.h"
+#include "core/rotation.h"
 #include "core/topology.h"
 #include "io/lettering.h"
 #include "io/pictures.h"
@@ -289,17 +290,22 @@ static pc_status draw_frames(sheet *s) {
     pci_scratch scratch = pci_scratch_begin(s->context);
     pc_mesh skinned = *surface, proxy = a->proxy;
     skinned.positions = PCI_SCRATCH(&scratch, double, 3 * surface->vertex_count);
-    if (scratch.failed) {
-        status = pci_fail_memory(s->context, stage);
+    double *rotations = NULL;
+    status = scratch.failed
+                 ? pci_fail_memory(s->context, stage)
+                 : pci_rotations_of_motion(&scratch, stage, &a->proxy, &a->motion,
+                                           a->skin.skinning == PC_SKINNING_ROTATION, &rotations);
+    if (status != PC_OK) {
         goto cleanup;
     }
     pci_camera camera = pci_three_quarter_view(pci_up_axis_of(a), 0.0);
     double extent[4] = {INFINITY, -INFINITY, INFINITY, -INFINITY};
     for (size_t pass = 0; pass < 2; ++pass) {
         for (size_t i = 0; i < s->frame_count && status == PC_OK; ++i) {
-            proxy.positions = &a->motion.positions[3 * shown_frame(s, i) * a->motion.vertex_count];
+            const size_t frame = shown_frame(s, i);
+            proxy.positions = &a->motion.positions[3 * frame * a->motion.vertex_count];
             pc_skin_deform(&a->skin, surface->positions, a->proxy.positions, proxy.positions,
-                           skinned.positions);
+                           pci_rotations_at(rotations, &a->motion, frame), skinned.positions);
             if (pass == 0) {
                 pci_extend_view(&camera, &skinned, extent);
             } else if (!advance(s, s->exhibit_count + i)) {
@@ -348,8 +354,8 @@ pc_status pc_export_contact_sheet(pc_context *context, const pc_asset *asset,
     }
     memset(s.image.pixels, 0xff, 3 * s.image.width * s.image.height);
     write_title(&s);
-    pci_renderer_set(&s.renderer, context, &s.image);
-    if (!pci_model_build(&s.renderer, &scratch, &asset->visual.surface, PCI_LOOK_SMOOTH, NULL,
+    if (!pci_renderer_begin(&s.renderer, context, &scratch, &s.image, s.tile) ||
+        !pci_model_build(&s.renderer, &scratch, &asset->visual.surface, PCI_LOOK_SMOOTH, NULL,
                          &s.visual)) {
         status = pci_fail_memory(context, stage);
         goto cleanup;

@@ -1,8 +1,10 @@
 // Binary glTF 2.0. The encoding is the one that all importers we know read correctly: one joint per
 // proxy vertex, flat under one root, inverse bind matrices and animation that only translate, the
-// skinned meshes at the root of the scene. With weights that sum to 1 this is equation (6).
+// skinned meshes at the root of the scene. With weights that sum to 1 this is equation (6); with
+// rotation channels on the same joints it is linear blend skinning as in pc_skin_deform.
 #include <stdio.h>
 
+#include "core/rotation.h"
 #include "core/topology.h"
 #include "io/asset_table.h"
 #include "io/atomic_file.h"
@@ -14,6 +16,8 @@
 #define STAGE "export"
 
 #define LARGEST_JOINT_COUNT 65536
+
+static bool turns(const pci_glb *glb) { return glb->asset->skin.skinning == PC_SKINNING_ROTATION; }
 
 static bool failed(const pci_glb *glb) { return glb->scratch.failed || glb->json.failed; }
 
@@ -548,6 +552,9 @@ static void add_proxy_extras(pci_glb *glb, cJSON *node) {
     for (size_t i = 0; i < 3 * proxy->triangle_count; ++i) {
         pci_json_count(&glb->json, triangles, NULL, proxy->triangles[i]);
     }
+    if (turns(glb)) {
+        pci_json_string(&glb->json, extras, "skinning", "rotation");
+    }
     cJSON *pinned = pci_json_array(&glb->json, extras, "pinned");
     for (size_t v = 0; v < proxy->vertex_count; ++v) {
         if (asset->motion.pinned[v] != 0) {
@@ -633,10 +640,46 @@ static void add_skin(pci_glb *glb) {
     }
 }
 
+// One channel per joint from values by joint and frame, `tuple` floats each.
+static void add_joint_channels(pci_glb *glb, uint32_t input, cJSON *channels, cJSON *samplers,
+                               size_t first_sampler, const char *path, size_t tuple,
+                               const double *values) {
+    const size_t frames = glb->asset->motion.frame_count;
+    const size_t joints = glb->asset->motion.vertex_count;
+    float *floats = pci_glb_add_view(glb, joints * frames * tuple * sizeof(float), 0);
+    if (floats == NULL) {
+        return;
+    }
+    for (size_t j = 0; j < joints; ++j) {
+        for (size_t i = 0; i < frames * tuple; ++i) {
+            const size_t frame = i / tuple;
+            floats[j * frames * tuple + i] =
+                (float)values[(frame * joints + j) * tuple + i % tuple];
+        }
+        pci_glb_add_accessor(glb, j * frames * tuple * sizeof(float), GL_FLOAT, frames,
+                             tuple == 3 ? "VEC3" : "VEC4");
+        cJSON *sampler = pci_json_object(&glb->json, samplers, NULL);
+        pci_json_count(&glb->json, sampler, "input", input);
+        pci_json_count(&glb->json, sampler, "output", glb->accessor_count - 1);
+        pci_json_string(&glb->json, sampler, "interpolation", "LINEAR");
+        cJSON *channel = pci_json_object(&glb->json, channels, NULL);
+        pci_json_count(&glb->json, channel, "sampler", first_sampler + j);
+        cJSON *target = pci_json_object(&glb->json, channel, "target");
+        pci_json_count(&glb->json, target, "node", j);
+        pci_json_string(&glb->json, target, "path", path);
+    }
+}
+
 static void add_animation(pci_glb *glb) {
     const pc_motion *motion = &glb->asset->motion;
     const size_t frames = motion->frame_count, joints = motion->vertex_count;
     if (frames == 0) {
+        return;
+    }
+    double *rotations = NULL;
+    if (pci_rotations_of_motion(&glb->scratch, STAGE, &glb->asset->proxy, motion, turns(glb),
+                                &rotations) != PC_OK) {
+        glb->scratch.failed = true; // the proxy was checked
         return;
     }
     cJSON *accessor = NULL;
@@ -649,34 +692,18 @@ static void add_animation(pci_glb *glb) {
     }
     pci_glb_add_limits(glb, accessor, times, frames, 1);
     const uint32_t input = glb->accessor_count - 1;
-    float *values = pci_glb_add_view(glb, joints * frames * 3 * sizeof(float), 0);
-    if (values == NULL) {
-        return;
-    }
     cJSON *animations = pci_json_array(&glb->json, glb->json.root, "animations");
     cJSON *animation = pci_json_object(&glb->json, animations, NULL);
     pci_json_string(&glb->json, animation, "name", "simulation");
     cJSON *channels = pci_json_array(&glb->json, animation, "channels");
     cJSON *samplers = pci_json_array(&glb->json, animation, "samplers");
-    for (size_t j = 0; j < joints; ++j) {
-        for (size_t f = 0; f < frames; ++f) {
-            for (size_t k = 0; k < 3; ++k) {
-                values[3 * (j * frames + f) + k] =
-                    (float)motion->positions[3 * (f * joints + j) + k];
-            }
-        }
-        pci_glb_add_accessor(glb, j * frames * 3 * sizeof(float), GL_FLOAT, frames, "VEC3");
-        cJSON *sampler = pci_json_object(&glb->json, samplers, NULL);
-        pci_json_count(&glb->json, sampler, "input", input);
-        pci_json_count(&glb->json, sampler, "output", glb->accessor_count - 1);
-        pci_json_string(&glb->json, sampler, "interpolation", "LINEAR");
-        cJSON *channel = pci_json_object(&glb->json, channels, NULL);
-        pci_json_count(&glb->json, channel, "sampler", j);
-        cJSON *target = pci_json_object(&glb->json, channel, "target");
-        pci_json_count(&glb->json, target, "node", j);
-        pci_json_string(&glb->json, target, "path", "translation");
+    add_joint_channels(glb, input, channels, samplers, 0, "translation", 3, motion->positions);
+    size_t sampler = joints;
+    if (rotations != NULL) {
+        add_joint_channels(glb, input, channels, samplers, sampler, "rotation", 4, rotations);
+        sampler += joints;
     }
-    pci_glb_add_body_channels(glb, input, channels, samplers, joints, joints + 3);
+    pci_glb_add_body_channels(glb, input, channels, samplers, sampler, joints + 3);
 }
 
 // ---- file -------------------------------------------------------------------------------------
@@ -746,7 +773,7 @@ static pc_status write_glb(pci_glb *glb, const char *path) {
     }
     const size_t json_size = strlen(text);
     const size_t total = 12 + 8 + (json_size + 3) / 4 * 4 + 8 + (glb->size + 3) / 4 * 4;
-    pci_atomic_file file;
+    pci_atomic_file file = {0};
     pc_status status;
     if (total > UINT32_MAX) {
         status = pci_fail(glb->context, PC_ERROR_TOO_LARGE, STAGE,

@@ -2,6 +2,7 @@
 // and the tree of the input. In the rest pose all of them only translate, so the inverse bind
 // matrices do too.
 #include "core/pose.h"
+#include "core/rotation.h"
 #include "io/glb_writer.h"
 
 #define STAGE "export"
@@ -123,27 +124,9 @@ static void decompose(const pci_map *map, double rotation[4], double scale[3]) {
         scale[2] = -scale[2];
     }
     memcpy(r[2], third, sizeof(third));
-    // The largest of the four components is safe to divide by.
-    const double m00 = r[0][0], m11 = r[1][1], m22 = r[2][2];
-    const double squares[4] = {1.0 + m00 - m11 - m22, 1.0 - m00 + m11 - m22, 1.0 - m00 - m11 + m22,
-                               1.0 + m00 + m11 + m22};
-    size_t most = 3;
-    for (size_t k = 0; k < 3; ++k) {
-        most = squares[k] > squares[most] ? k : most;
-    }
-    const double wx = r[1][2] - r[2][1], wy = r[2][0] - r[0][2], wz = r[0][1] - r[1][0];
-    const double xy = r[1][0] + r[0][1], xz = r[2][0] + r[0][2], yz = r[2][1] + r[1][2];
-    const double rows[4][4] = {{squares[0], xy, xz, wx},
-                               {xy, squares[1], yz, wy},
-                               {xz, yz, squares[2], wz},
-                               {wx, wy, wz, squares[3]}};
-    double length = 0.0;
-    for (size_t k = 0; k < 4; ++k) {
-        length += rows[most][k] * rows[most][k];
-    }
-    for (size_t k = 0; k < 4; ++k) {
-        rotation[k] = rows[most][k] / sqrt(length);
-    }
+    const double rows[9] = {r[0][0], r[1][0], r[2][0], r[0][1], r[1][1],
+                            r[2][1], r[0][2], r[1][2], r[2][2]};
+    pci_quaternion_of_matrix(rows, rotation);
 }
 
 // Translation, rotation and scale of all joints against their parents at one time; #J by 10.

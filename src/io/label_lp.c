@@ -102,7 +102,7 @@ pc_status pc_label_write_lp(pc_context *context, const pc_graph *graph,
         return status;
     }
     pci_scratch scratch = pci_scratch_begin(context);
-    pci_atomic_file file;
+    pci_atomic_file file = {0};
     uint8_t *used = PCI_SCRATCH(&scratch, uint8_t, graph->vertex_count);
     status = used != NULL ? pci_atomic_begin(context, stage, path, &file)
                           : pci_fail_memory(context, stage);

@@ -149,19 +149,19 @@ double pci_text_width(const char *text, double height) {
 static void draw_stroke(pci_image *image, const double from[2], const double to[2], double pen,
                         const uint8_t color[3]) {
     const double reach = 0.5 * pen + 1.0;
-    const double left = fmax(floor(fmin(from[0], to[0]) - reach), 0.0);
-    const double top = fmax(floor(fmin(from[1], to[1]) - reach), 0.0);
+    const size_t left = (size_t)fmax(floor(fmin(from[0], to[0]) - reach), 0.0);
+    const size_t top = (size_t)fmax(floor(fmin(from[1], to[1]) - reach), 0.0);
     const double right = fmin(ceil(fmax(from[0], to[0]) + reach), (double)image->width);
     const double bottom = fmin(ceil(fmax(from[1], to[1]) + reach), (double)image->height);
     const double dx = to[0] - from[0], dy = to[1] - from[1], squared = dx * dx + dy * dy;
-    for (double y = top; y < bottom; y += 1.0) {
-        for (double x = left; x < right; x += 1.0) {
-            const double px = x + 0.5 - from[0], py = y + 0.5 - from[1];
+    for (size_t y = top; (double)y < bottom; ++y) {
+        for (size_t x = left; (double)x < right; ++x) {
+            const double px = (double)x + 0.5 - from[0], py = (double)y + 0.5 - from[1];
             const double along =
                 squared > 0.0 ? fmin(fmax((px * dx + py * dy) / squared, 0.0), 1.0) : 0.0;
             const double distance = hypot(px - along * dx, py - along * dy);
             const double cover = fmin(fmax(0.5 * pen + 0.5 - distance, 0.0), 1.0);
-            uint8_t *pixel = &image->pixels[3 * ((size_t)y * image->width + (size_t)x)];
+            uint8_t *pixel = &image->pixels[3 * (y * image->width + x)];
             for (size_t k = 0; k < 3; ++k) {
                 const double ink = 255.0 + cover * ((double)color[k] - 255.0);
                 pixel[k] = ink < pixel[k] ? (uint8_t)(ink + 0.5) : pixel[k];

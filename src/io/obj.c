@@ -17,7 +17,7 @@ pc_status pc_export_obj(pc_context *context, const pc_mesh *mesh, const char *pa
                             "export: position of vertex %zu is not finite", i / 3);
         }
     }
-    pci_atomic_file file;
+    pci_atomic_file file = {0};
     const pc_status status = pci_atomic_begin(context, "export", path, &file);
     if (status != PC_OK) {
         return status;

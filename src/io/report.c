@@ -151,7 +151,7 @@ pc_status pc_export_report(pc_context *context, const pc_asset *asset, const pc_
     pci_json_begin(&json);
     build(&json, asset, measures, histograms, timings);
     char *text = pci_json_print(&json, true);
-    pci_atomic_file file;
+    pci_atomic_file file = {0};
     pc_status status = text != NULL ? pci_atomic_begin(context, STAGE, path, &file)
                                     : pci_fail_memory(context, STAGE);
     if (status == PC_OK) {

@@ -3,6 +3,7 @@
 
 #include "core/core.h"
 #include "core/render.h"
+#include "core/rotation.h"
 #include "io/lettering.h"
 #include "io/pictures.h"
 #include "io/png_image.h"
@@ -129,8 +130,12 @@ static pc_status draw_frames(strip *s) {
     pci_scratch scratch = pci_scratch_begin(s->context);
     pc_mesh skinned = *surface;
     skinned.positions = PCI_SCRATCH(&scratch, double, 3 * surface->vertex_count);
-    if (scratch.failed) {
-        status = pci_fail_memory(s->context, stage);
+    double *rotations = NULL;
+    status = scratch.failed
+                 ? pci_fail_memory(s->context, stage)
+                 : pci_rotations_of_motion(&scratch, stage, &a->proxy, &a->motion,
+                                           a->skin.skinning == PC_SKINNING_ROTATION, &rotations);
+    if (status != PC_OK) {
         goto cleanup;
     }
     pci_camera camera = pci_three_quarter_view(pci_up_axis_of(a), 0.0);
@@ -142,7 +147,7 @@ static pc_status draw_frames(strip *s) {
                 ((i + 1) * a->motion.frame_count + s->columns - 1) / s->columns - 1;
             pc_skin_deform(&a->skin, surface->positions, a->proxy.positions,
                            &a->motion.positions[3 * frame * a->motion.vertex_count],
-                           skinned.positions);
+                           pci_rotations_at(rotations, &a->motion, frame), skinned.positions);
             if (pass == 0) {
                 pci_extend_view(&camera, &skinned, extent);
             } else if (!advance(s, s->columns + i)) {
@@ -184,13 +189,12 @@ pc_status pc_export_strip(pc_context *context, const pc_asset *asset,
     s.image.height = s.gap + ROW_COUNT * (s.tile + s.title);
     pci_scratch scratch = pci_scratch_begin(context);
     s.image.pixels = PCI_SCRATCH(&scratch, uint8_t, 3 * s.image.width * s.image.height);
-    if (scratch.failed) {
+    if (scratch.failed || !pci_renderer_begin(&s.renderer, context, &scratch, &s.image, s.tile)) {
         status = pci_fail_memory(context, stage);
         goto cleanup;
     }
     memset(s.image.pixels, 0xff, 3 * s.image.width * s.image.height);
     write_titles(&s);
-    pci_renderer_set(&s.renderer, context, &s.image);
     status = draw_turntable(&s);
     if (status == PC_OK) {
         status = draw_frames(&s);

@@ -83,7 +83,7 @@ pc_status pc_skin_inverse_distance(pc_context *context, const pc_mesh *surface,
         pci_knn_query(&knn, &surface->positions[3 * v], slots, PC_INVALID_INDEX,
                       &skin->bones[v * slots], weights);
         for (uint32_t k = 0; k < slots; ++k) {
-            weights[k] = 1.0 / (sqrt(weights[k]) + spare);
+            weights[k] = 1.0 / (sqrt(weights[k]) + spare + 1e-300); // all may be 0
         }
     }
     scale_rows(skin);

@@ -126,9 +126,9 @@ static pc_status measure(pci_scratch *scratch, const pc_mesh *surface, const pc_
 static pc_status check_arguments(pc_context *context, const pc_mesh *surface,
                                  const pc_mesh *projected, const pc_labels *labels,
                                  double cell_size, const pc_mesh *single_layer) {
-    pc_status status = pci_check_mesh(context, stage, surface, "visual mesh");
+    pc_status status = pci_check_mesh_of_cells(context, stage, surface, "visual mesh", cell_size);
     if (status == PC_OK) {
-        status = pci_check_mesh(context, stage, projected, "projected mesh");
+        status = pci_check_mesh_of_cells(context, stage, projected, "projected mesh", cell_size);
     }
     if (status != PC_OK) {
         return status;
@@ -142,10 +142,6 @@ static pc_status check_arguments(pc_context *context, const pc_mesh *surface,
         return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
                         "carve: %zu labels for %zu vertices", labels->vertex_count,
                         projected->vertex_count);
-    }
-    if (!(cell_size > 0.0 && isfinite(cell_size))) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
-                        "carve: cell_size = %g, it must be positive", cell_size);
     }
     return PC_OK;
 }

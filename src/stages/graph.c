@@ -184,7 +184,7 @@ static void find_curvatures(void *user, size_t begin, size_t end, uint32_t worke
         for (size_t i = 0; i < inner; ++i) {
             count = add_ring(w->topology, neighbours[i], vertex, neighbours, count);
         }
-        double t[TERMS];
+        double t[TERMS] = {0};
         const double scale = fit_quadric(w, vertex, neighbours, count, t);
         if (scale > 0.0) {
             const double hxx = 2.0 * t[0], hxy = t[1], hyy = 2.0 * t[2], hx = t[3], hy = t[4];
@@ -471,12 +471,9 @@ pc_status pc_build_graph(pc_context *context, const pc_mesh *projected, double c
         return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
                         "graph: the output must be a zeroed pc_graph");
     }
-    if (!(cell_size > 0.0) || !isfinite(cell_size)) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
-                        "graph: cell_size = %g, it must be positive", cell_size);
-    }
     pc_graph_options chosen;
-    pc_status status = pci_check_mesh(context, stage, projected, "projected mesh");
+    pc_status status =
+        pci_check_mesh_of_cells(context, stage, projected, "projected mesh", cell_size);
     if (status == PC_OK) {
         status = pci_begin_stage(context, stage, &pc_graph_options_record, options, &chosen);
     }

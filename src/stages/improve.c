@@ -399,7 +399,7 @@ static bool balance(pci_scratch *scratch, improvement *m) {
             if (!pci_is_edge(coarse, h)) {
                 continue;
             }
-            place where;
+            place where = {0};
             uint32_t v = PC_INVALID_INDEX;
             if (merges && best_merge(m, h, &where) >= angles[level]) {
                 v = merge_edge(m, h, &where);

@@ -507,6 +507,13 @@ static pc_status check_grid(pc_context *context, const pc_grid *grid, double iso
         return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
                         "%s: a lattice of %u by %u by %u points", stage, size[0], size[1], size[2]);
     }
+    for (size_t k = 0; k < 3; ++k) {
+        if (!(fabs(grid->origin[k]) <= PCI_FARTHEST && grid->cell_size <= PCI_FARTHEST)) {
+            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                            "%s: a lattice at %g with cell size %g", stage, grid->origin[k],
+                            grid->cell_size);
+        }
+    }
     if (!(iso > 0.0 && grid->band > iso) || !isfinite(grid->band)) {
         return pci_fail(
             context, PC_ERROR_INVALID_ARGUMENT, stage,

@@ -130,7 +130,7 @@ static pc_status sum_quadrics(decimation *d, const pc_mesh *proxy, const pc_moti
     bool done = !scratch.failed && pci_topology_build(&scratch, proxy, &topology);
     for (size_t pose = 0; done && pose < poses; ++pose) {
         double *frame = &motion->positions[3 * pose * n];
-        pc_skin_deform(skin, d->visual->positions, proxy->positions, frame, skinned);
+        pc_skin_deform(skin, d->visual->positions, proxy->positions, frame, NULL, skinned);
         const pc_mesh visual = {visual_count, skinned, d->visual->triangle_count,
                                 d->visual->triangles};
         const pc_mesh moved = {n, frame, proxy->triangle_count, proxy->triangles};

@@ -135,7 +135,9 @@ static size_t make_pairs(const pc_graph *graph, const pc_label_options *o, int e
 // case.
 static int64_t make_wishes(pci_scratch *scratch, const pc_graph *graph, const pc_label_options *o,
                            int exponent, int64_t *wishes) {
-    const int64_t wish = scaled(0.5 * o->lambda_bias * o->lambda_opposite, exponent);
+    // Without opposites it is no part of the sum that the exponent fits.
+    const int64_t wish =
+        graph->opposite_count > 0 ? scaled(0.5 * o->lambda_bias * o->lambda_opposite, exponent) : 0;
     int64_t *against = PCI_SCRATCH(scratch, int64_t, graph->vertex_count + 1);
     int64_t constant = 0;
     for (size_t k = 0; k < graph->opposite_count && against != NULL; ++k) {

@@ -206,6 +206,7 @@ static bool split_isoline(outline *o, double threshold) {
 // ---------------------------------------------------------------
 
 typedef struct region {
+    uint32_t first; // triangle
     double area, centre[3], normal[3];
     double backed;    // area with other cloth close behind it
     double reach;     // largest distance
@@ -214,28 +215,56 @@ typedef struct region {
     bool fringe;      // near the border of the layer
 } region;
 
-// Joins the triangles that lie beside the visual mesh to regions: `roots` holds the first triangle
-// of each, PC_INVALID_INDEX for triangles that stay anyway.
-static bool join_regions(const outline *o, double threshold, uint32_t *roots) {
+// Joins the triangles that lie beside the visual mesh to regions, numbered by their first triangle:
+// `of` holds the region of each, PC_INVALID_INDEX for triangles that stay anyway.
+static bool join_regions(const outline *o, double threshold, uint32_t *of, region **regions,
+                         size_t *count) {
     const pci_halfedge *mesh = &o->mesh;
     uint8_t *beside = PCI_SCRATCH(mesh->scratch, uint8_t, mesh->triangle_count);
-    if (beside == NULL) {
+    uint32_t *numbers = PCI_SCRATCH(mesh->scratch, uint32_t, mesh->triangle_count);
+    if (mesh->scratch->failed) {
         return false;
     }
-    pci_singletons(roots, mesh->triangle_count);
+    pci_singletons(of, mesh->triangle_count);
     for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
         beside[i / 3] |= o->distances[mesh->corners[i]] > threshold;
     }
     for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
         const uint32_t twin = mesh->twins[h];
         if (twin != PC_INVALID_INDEX && h < twin && beside[h / 3] && beside[twin / 3]) {
-            pci_unite(roots, h / 3, twin / 3);
+            pci_unite(of, h / 3, twin / 3);
         }
     }
+    // Roots come first: they are the first triangles of their sets.
+    *count = 0;
     for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
-        roots[t] = beside[t] ? pci_find_root(roots, t) : PC_INVALID_INDEX;
+        const uint32_t root = pci_find_root(of, t);
+        numbers[t] = !beside[t]  ? PC_INVALID_INDEX
+                     : root == t ? (uint32_t)(*count)++
+                                 : numbers[root];
+    }
+    *regions = PCI_SCRATCH(mesh->scratch, region, *count);
+    if (*regions == NULL) {
+        return false;
+    }
+    for (uint32_t t = (uint32_t)mesh->triangle_count; t-- > 0;) {
+        of[t] = numbers[t];
+        if (of[t] != PC_INVALID_INDEX) {
+            (*regions)[of[t]].first = t;
+        }
     }
     return true;
+}
+
+static void area_vector(const pci_halfedge *mesh, size_t triangle, const double *corners[3],
+                        double normal[3]) {
+    double u[3], v[3];
+    for (size_t c = 0; c < 3; ++c) {
+        corners[c] = &mesh->positions[3 * (size_t)mesh->corners[3 * triangle + c]];
+    }
+    pci_sub(corners[1], corners[0], u);
+    pci_sub(corners[2], corners[0], v);
+    pci_cross(u, v, normal);
 }
 
 static bool is_backed(const outline *o, const double *const corners[3], const double normal[3],
@@ -249,35 +278,59 @@ static bool is_backed(const outline *o, const double *const corners[3], const do
                PC_INVALID_INDEX;
 }
 
-static void measure_extent(const outline *o, const uint32_t *roots, double depth, region *regions) {
+typedef struct backing {
+    const outline *outline;
+    const uint32_t *regions; // #F
+    double depth;
+    uint8_t *backed; // #F
+} backing;
+
+static void find_backed(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const backing *b = user;
+    const pci_halfedge *mesh = &b->outline->mesh;
+    for (size_t t = begin; t < end; ++t) {
+        if (b->regions[t] != PC_INVALID_INDEX) {
+            const double *corners[3];
+            double normal[3];
+            area_vector(mesh, t, corners, normal);
+            b->backed[t] = is_backed(b->outline, corners, normal, b->depth);
+        }
+    }
+}
+
+// False: out of memory, or cancelled.
+static bool measure_extent(const outline *o, const uint32_t *of, double depth, region *regions,
+                           size_t region_count) {
     const pci_halfedge *mesh = &o->mesh;
+    backing b = {o, of, depth, PCI_SCRATCH(mesh->scratch, uint8_t, mesh->triangle_count)};
+    if (b.backed == NULL || !pci_parallel_while_wanted(mesh->scratch->context, mesh->triangle_count,
+                                                       grain, find_backed, &b)) {
+        return false;
+    }
     for (size_t t = 0; t < mesh->triangle_count; ++t) {
-        if (roots[t] == PC_INVALID_INDEX) {
+        if (of[t] == PC_INVALID_INDEX) {
             continue;
         }
-        region *r = &regions[roots[t]];
+        region *r = &regions[of[t]];
         const double *corners[3];
-        double u[3], v[3], normal[3];
-        for (size_t c = 0; c < 3; ++c) {
-            corners[c] = &mesh->positions[3 * (size_t)mesh->corners[3 * t + c]];
-            r->reach = fmax(r->reach, o->distances[mesh->corners[3 * t + c]]);
-        }
-        pci_sub(corners[1], corners[0], u);
-        pci_sub(corners[2], corners[0], v);
-        pci_cross(u, v, normal);
+        double normal[3];
+        area_vector(mesh, t, corners, normal);
         const double area = 0.5 * pci_norm(normal);
         r->area += area;
-        r->backed += is_backed(o, corners, normal, depth) ? area : 0.0;
+        r->backed += b.backed[t] ? area : 0.0;
         for (size_t k = 0; k < 3; ++k) {
+            r->reach = fmax(r->reach, o->distances[mesh->corners[3 * t + k]]);
             r->centre[k] += area * (corners[0][k] + corners[1][k] + corners[2][k]) / 3.0;
             r->normal[k] += normal[k];
         }
     }
-    for (size_t i = 0; i < mesh->triangle_count; ++i) {
+    for (size_t i = 0; i < region_count; ++i) {
         for (size_t k = 0; k < 3 && regions[i].area > 0.0; ++k) {
             regions[i].centre[k] /= regions[i].area;
         }
     }
+    return true;
 }
 
 // Marks the sector of the region's plane in which a point lies.
@@ -312,28 +365,73 @@ static bool find_border(const pci_halfedge *mesh, pci_knn *border) {
     return pci_knn_build(mesh->scratch, count, points, border);
 }
 
+// What lies around the origin of a half-edge on the border of a region.
+typedef struct frame_point {
+    uint32_t halfedge;
+    uint32_t rim; // PC_INVALID_INDEX: none near
+    bool fringe;
+} frame_point;
+
+typedef struct framing {
+    const outline *outline;
+    const pci_knn *rims, *border;
+    double slack;
+    frame_point *points;
+} framing;
+
+static void look_around(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const framing *f = user;
+    const outline *o = f->outline;
+    for (size_t i = begin; i < end; ++i) {
+        frame_point *p = &f->points[i];
+        const uint32_t v = pci_origin(&o->mesh, p->halfedge);
+        const double *point = &o->mesh.positions[3 * (size_t)v];
+        const double reach =
+            pci_bvh_closest_near(o->visual, point, o->nearest[v]).distance + f->slack;
+        p->fringe = pci_knn_within(f->border, point, f->slack, NULL);
+        p->rim = PC_INVALID_INDEX;
+        (void)pci_knn_within(f->rims, point, reach, &p->rim);
+    }
+}
+
 // A region ends at the rim of an opening where a rim is near, or where the layer ends already.
-static void measure_frame(const outline *o, const pci_knn *rims, const pci_knn *border,
-                          double slack, const uint32_t *roots, region *regions) {
+// False: out of memory, or cancelled.
+static bool measure_frame(const outline *o, const pci_knn *rims, double slack, const uint32_t *of,
+                          region *regions) {
     const pci_halfedge *mesh = &o->mesh;
+    pci_knn border;
+    framing f = {o, rims, &border, slack, NULL};
+    size_t count = 0, capacity = 0;
     for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
-        const uint32_t root = roots[h / 3], twin = mesh->twins[h];
-        if (root == PC_INVALID_INDEX || (twin != PC_INVALID_INDEX && roots[twin / 3] == root)) {
+        const uint32_t own = of[h / 3], twin = mesh->twins[h];
+        if (own == PC_INVALID_INDEX || (twin != PC_INVALID_INDEX && of[twin / 3] == own)) {
             continue;
         }
-        const double *point = &mesh->positions[3 * (size_t)pci_origin(mesh, h)];
-        uint32_t rim;
-        if (twin == PC_INVALID_INDEX) {
-            mark_sector(&regions[root], point);
-            regions[root].bordering = true;
+        void *points = f.points;
+        if (!pci_scratch_reserve(mesh->scratch, &points, &capacity, count + 1, sizeof(*f.points))) {
+            return false;
         }
-        regions[root].fringe = regions[root].fringe || pci_knn_within(border, point, slack, NULL);
-        const uint32_t hint = o->nearest[pci_origin(mesh, h)];
-        const double reach = pci_bvh_closest_near(o->visual, point, hint).distance + slack;
-        if (pci_knn_within(rims, point, reach, &rim)) {
-            mark_sector(&regions[root], &rims->points[3 * (size_t)rim]);
+        f.points = points;
+        f.points[count++].halfedge = h;
+    }
+    if (!find_border(mesh, &border) ||
+        !pci_parallel_while_wanted(mesh->scratch->context, count, grain, look_around, &f)) {
+        return false;
+    }
+    for (size_t i = 0; i < count; ++i) {
+        const frame_point *p = &f.points[i];
+        region *r = &regions[of[p->halfedge / 3]];
+        if (mesh->twins[p->halfedge] == PC_INVALID_INDEX) {
+            mark_sector(r, &mesh->positions[3 * (size_t)pci_origin(mesh, p->halfedge)]);
+            r->bordering = true;
+        }
+        r->fringe = r->fringe || p->fringe;
+        if (p->rim != PC_INVALID_INDEX) {
+            mark_sector(r, &rims->points[3 * (size_t)p->rim]);
         }
     }
+    return true;
 }
 
 static bool removes(const region *r, pci_outline_mode mode, double threshold) {
@@ -426,19 +524,23 @@ static double area_held(const patches *p, const uint8_t *keep, uint32_t middle) 
 
 // Marks what stays. A membrane may hold the layer together, as between the panels of a pattern or
 // around the hem of a tier: it stays, too, where something larger than itself would come off.
-static bool choose_triangles(const outline *o, const uint32_t *roots, const region *regions,
-                             pci_outline_mode mode, double threshold, uint8_t *keep) {
+static bool choose_triangles(const outline *o, const uint32_t *of, const region *regions,
+                             size_t region_count, pci_outline_mode mode, double threshold,
+                             uint8_t *keep) {
     const pci_halfedge *mesh = &o->mesh;
     const size_t triangles = mesh->triangle_count;
+    uint8_t *removed = PCI_SCRATCH(mesh->scratch, uint8_t, region_count);
     uint32_t *owners = PCI_SCRATCH(mesh->scratch, uint32_t, triangles); // membranes in question
-    if (owners == NULL) {
+    if (mesh->scratch->failed) {
         return false;
     }
+    for (size_t i = 0; i < region_count; ++i) {
+        removed[i] = removes(&regions[i], mode, threshold);
+    }
     for (uint32_t t = 0; t < triangles; ++t) {
-        const region *r = roots[t] != PC_INVALID_INDEX ? &regions[roots[t]] : NULL;
-        const bool removed = r != NULL && removes(r, mode, threshold);
-        keep[t] = !removed || mode == PCI_OUTLINE_MEMBRANES;
-        owners[t] = removed && keep[t] ? roots[t] : PC_INVALID_INDEX;
+        const bool goes = of[t] != PC_INVALID_INDEX && removed[of[t]];
+        keep[t] = !goes || mode == PCI_OUTLINE_MEMBRANES;
+        owners[t] = goes && keep[t] ? of[t] : PC_INVALID_INDEX;
     }
     patches p;
     if (mode != PCI_OUTLINE_MEMBRANES) {
@@ -447,17 +549,17 @@ static bool choose_triangles(const outline *o, const uint32_t *roots, const regi
     if (!make_patches(mesh, owners, keep, &p)) {
         return false;
     }
+    // The first triangle of a membrane tells that it is gone until all of them are removed.
     size_t tests = 0;
-    for (uint32_t i = 0; i < triangles && tests < most_tests; ++i) {
-        if (owners[i] != i) {
-            continue;
+    for (size_t i = 0; i < region_count; ++i) {
+        if (removed[i]) {
+            removed[i] =
+                tests++ < most_tests && area_held(&p, keep, regions[i].first) <= regions[i].area;
+            keep[regions[i].first] = !removed[i];
         }
-        ++tests;
-        if (area_held(&p, keep, i) <= regions[i].area) {
-            for (uint32_t t = i; t < triangles; ++t) {
-                keep[t] = keep[t] && owners[t] != i;
-            }
-        }
+    }
+    for (uint32_t t = 0; t < triangles; ++t) {
+        keep[t] = owners[t] == PC_INVALID_INDEX || !removed[owners[t]];
     }
     return true;
 }
@@ -468,8 +570,9 @@ typedef struct cutting {
     const pci_knn *rims;
     pci_outline_mode mode;
     double threshold, cell_size;
-    uint32_t *roots; // #F of the refined layer
-    uint8_t *keep;
+    uint8_t *keep; // #F of the refined layer
+    region *regions;
+    size_t region_count;
 } cutting;
 
 // Refines the layer along the isoline, where points of `focus` are within `reach` (NULL:
@@ -497,17 +600,12 @@ static bool find_regions(const cutting *given, const pci_knn *focus, double reac
         return false;
     }
     const size_t triangles = o->mesh.triangle_count;
-    pci_knn border;
-    c->roots = PCI_SCRATCH(scratch, uint32_t, triangles);
+    uint32_t *of = PCI_SCRATCH(scratch, uint32_t, triangles);
     c->keep = PCI_SCRATCH(scratch, uint8_t, triangles);
-    region *regions = PCI_SCRATCH(scratch, region, triangles);
-    if (scratch->failed || !join_regions(o, c->threshold, c->roots) ||
-        !find_border(&o->mesh, &border)) {
-        return false;
-    }
-    measure_extent(o, c->roots, behind * c->cell_size, regions);
-    measure_frame(o, c->rims, &border, sag * c->cell_size, c->roots, regions);
-    return choose_triangles(o, c->roots, regions, c->mode, c->threshold, c->keep);
+    return !scratch->failed && join_regions(o, c->threshold, of, &c->regions, &c->region_count) &&
+           measure_extent(o, of, behind * c->cell_size, c->regions, c->region_count) &&
+           measure_frame(o, c->rims, sag * c->cell_size, of, c->regions) &&
+           choose_triangles(o, of, c->regions, c->region_count, c->mode, c->threshold, c->keep);
 }
 
 // The corners of what is not kept (`points` NULL: only counts them). Returns their number.
@@ -530,7 +628,7 @@ pc_status pci_cut_outline(pci_scratch *scratch, const char *stage, const pci_bvh
                           double cell_size, pc_mesh *layer, uint64_t *removed_regions,
                           uint64_t *removed_triangles) {
     pc_context *context = scratch->context;
-    const cutting given = {visual, rims, mode, threshold, cell_size, NULL, NULL};
+    const cutting given = {visual, rims, mode, threshold, cell_size, NULL, NULL, 0};
     const bool membranes = mode == PCI_OUTLINE_MEMBRANES;
     cutting c;
     outline o;
@@ -559,8 +657,10 @@ pc_status pci_cut_outline(pci_scratch *scratch, const char *stage, const pci_bvh
     if (!find_regions(&given, &removed, beyond * cell_size, scratch, layer, &o, &c)) {
         return pci_fail_memory(context, stage);
     }
-    for (uint32_t t = 0; t < o.mesh.triangle_count; ++t) {
-        *removed_regions += !c.keep[t] && c.roots[t] == t;
+    for (size_t i = 0; i < c.region_count; ++i) {
+        *removed_regions += !c.keep[c.regions[i].first];
+    }
+    for (size_t t = 0; t < o.mesh.triangle_count; ++t) {
         *removed_triangles += !c.keep[t];
     }
     const pc_mesh cut = {o.mesh.vertex_count, o.mesh.positions, o.mesh.triangle_count,

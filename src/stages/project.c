@@ -409,14 +409,10 @@ pc_status pc_project(pc_context *context, const pc_mesh *surface, const pc_mesh 
         return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
                         "project: the output must be a zeroed pc_mesh");
     }
-    if (!(cell_size > 0.0) || !isfinite(cell_size)) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
-                        "project: cell_size = %g, it must be positive", cell_size);
-    }
     pc_project_options chosen;
-    pc_status status = pci_check_mesh(context, stage, surface, "visual mesh");
+    pc_status status = pci_check_mesh_of_cells(context, stage, surface, "visual mesh", cell_size);
     if (status == PC_OK) {
-        status = pci_check_mesh(context, stage, isosurface, "iso-surface");
+        status = pci_check_mesh_of_cells(context, stage, isosurface, "iso-surface", cell_size);
     }
     if (status == PC_OK) {
         status = pci_begin_stage(context, stage, &pc_project_options_record, options, &chosen);

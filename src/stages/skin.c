@@ -1,16 +1,21 @@
 #include "proxycloth/skin.h"
 
+#include "core/rotation.h"
 #include "core/topology.h"
 #include "stages/skin_fit.h"
 
 static const char stage[] = "skin";
 
+static const char *const skinning_choices[] = {"translation", "rotation", NULL};
 static const char *const solver_choices[] = {"alternate", "adamw", NULL};
 
 static const char *const channel_choices[] = {"none", "red", "green", "blue", "alpha", NULL};
 static const char *const storage_choices[] = {"float", "u16", "u8", NULL};
 
 static const pc_field option_fields[] = {
+    PCI_FIELD_CHOICE(pc_skin_options, skinning, PC_SKINNING_TRANSLATION, 1, skinning_choices,
+                     "What of the proxy's vertices moves the garment: their displacements, or also "
+                     "their rotations"),
     PCI_FIELD_CHOICE(pc_skin_options, solver, PC_SKIN_ALTERNATE, 1, solver_choices,
                      "Optimiser of the weights"),
     PCI_FIELD_OPTION(pc_skin_options, influences, UINT, 4, 1, 32, "",
@@ -144,11 +149,17 @@ static pc_status check_bones(pc_context *context, const pc_mesh *proxy,
                     proxy->vertex_count, most, reserve, most - reserve, most - reserve);
 }
 
-static void set_driver(pci_skin_problem *problem, const pc_mesh *proxy, const pc_motion *motion) {
+static pc_status set_driver(pci_scratch *scratch, pci_skin_problem *problem, const pc_mesh *proxy,
+                            const pc_motion *motion, uint32_t skinning) {
     problem->proxy_count = proxy->vertex_count;
     problem->proxy_rest = proxy->positions;
     problem->frame_count = motion->frame_count;
     problem->frames = motion->positions;
+    double *rotations;
+    const pc_status status = pci_rotations_of_motion(scratch, stage, proxy, motion,
+                                                     skinning == PC_SKINNING_ROTATION, &rotations);
+    problem->rotations = rotations;
+    return status;
 }
 
 // ---- the result ---------------------------------------------------------------------------------
@@ -216,15 +227,15 @@ static pc_status prepare(pci_scratch *scratch, const pc_mesh *surface, const pc_
                                   f->bones, f->weights)) {
         return pci_fail_memory(f->context, stage);
     }
-    set_driver(&f->problem, proxy, motion);
     f->problem.slots = slots;
     f->problem.bones = f->bones;
-    return PC_OK;
+    return set_driver(scratch, &f->problem, proxy, motion, o->skinning);
 }
 
 static pc_status write_result(pci_scratch *scratch, const pci_skin_fit *f, pc_skin *skin,
                               pc_skin_report *report) {
     const uint32_t kept = f->problem.slots, influences = f->options->influences;
+    skin->skinning = f->options->skinning;
     uint8_t *used = PCI_SCRATCH(scratch, uint8_t, f->problem.proxy_count);
     if (used == NULL || !allocate_skin(f->context, f->problem.vertex_count, influences, skin)) {
         return pci_fail_memory(f->context, stage);
@@ -344,14 +355,14 @@ pc_status pc_skin_evaluate(pc_context *context, const pc_mesh *surface, const pc
     pci_scratch scratch = pci_scratch_begin(context);
     pci_skin_problem problem;
     pci_skin_measures measures = {0};
-    if (pci_skin_problem_build(&scratch, surface, chosen.neighbours, &problem)) {
-        set_driver(&problem, proxy, motion);
+    status = pci_skin_problem_build(&scratch, surface, chosen.neighbours, &problem)
+                 ? set_driver(&scratch, &problem, proxy, motion, skin->skinning)
+                 : pci_fail_memory(context, stage);
+    if (status == PC_OK) {
         problem.slots = skin->influences;
         problem.bones = skin->bones;
         status = pci_skin_measure(context, &problem, pci_skin_kernel_double(), skin->weights,
                                   &measures, NULL);
-    } else {
-        status = pci_fail_memory(context, stage);
     }
     if (status == PC_OK) {
         const pc_skin_losses result = {.rigid = measures.losses[0],
@@ -367,13 +378,24 @@ pc_status pc_skin_evaluate(pc_context *context, const pc_mesh *surface, const pc
 }
 
 void pc_skin_deform(const pc_skin *skin, const double *rest, const double *proxy_rest,
-                    const double *proxy_frame, double *output) {
+                    const double *proxy_frame, const double *rotations, double *output) {
     for (size_t v = 0; v < skin->vertex_count; ++v) {
-        double position[3] = {rest[3 * v], rest[3 * v + 1], rest[3 * v + 2]};
+        const double *from = &rest[3 * v];
+        double position[3] = {from[0], from[1], from[2]};
         for (size_t k = v * skin->influences; k < (v + 1) * skin->influences; ++k) {
-            const size_t bone = 3 * (size_t)skin->bones[k];
+            const size_t bone = skin->bones[k];
+            double moved[3];
+            pci_sub(&proxy_frame[3 * bone], &proxy_rest[3 * bone], moved);
+            if (rotations != NULL) {
+                double arm[3], turn[9];
+                pci_sub(from, &proxy_rest[3 * bone], arm);
+                pci_matrix_of_quaternion(&rotations[4 * bone], turn);
+                for (size_t c = 0; c < 3; ++c) {
+                    moved[c] += pci_dot(&turn[3 * c], arm) - arm[c];
+                }
+            }
             for (size_t c = 0; c < 3; ++c) {
-                position[c] += skin->weights[k] * (proxy_frame[bone + c] - proxy_rest[bone + c]);
+                position[c] += skin->weights[k] * moved[c];
             }
         }
         memcpy(&output[3 * v], position, sizeof(position));

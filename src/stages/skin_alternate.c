@@ -10,19 +10,19 @@ enum { SWEEPS = 4, SAMPLE_BLOCKS = 4 }; // sweeps per round
 static const double sample_rounds = 0.75; // of the rounds at most
 
 typedef struct gram_job {
-    const double *columns; // #rows by #P
-    size_t rows, proxy_count;
+    const double *columns; // #rows by size
+    size_t rows, size;     // size: of the matrix
     double *gram;
 } gram_job;
 
 static void fill_gram(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const gram_job *job = user;
-    const size_t np = job->proxy_count;
+    const size_t size = job->size;
     for (size_t t = 0; t < job->rows; ++t) {
-        const double *d = &job->columns[t * np];
+        const double *d = &job->columns[t * size];
         for (size_t b = begin; b < end; ++b) {
-            double *row = &job->gram[b * np];
+            double *row = &job->gram[b * size];
             for (size_t c = 0; c < end; ++c) {
                 row[c] += d[b] * d[c];
             }
@@ -30,15 +30,39 @@ static void fill_gram(void *user, size_t begin, size_t end, uint32_t worker) {
     }
 }
 
-// G of some frames in the unit of the kernels, mean displacement of each frame left out as there.
+// Writes the three rows of A of all bones in one frame, in the unit of the kernels, the mean
+// displacement left out as there.
+static void fill_rows(const pci_skin_frames *w, size_t frame, double *rows) {
+    const pci_skin_problem *p = w->problem;
+    const size_t columns = w->data.columns, size = p->proxy_count * columns;
+    double map[3 * PCI_SKIN_COLUMNS_MAX], mean[3] = {0};
+    for (size_t b = 0; b < p->proxy_count; ++b) {
+        pci_skin_bone_map(p, w->origin, frame, b, map);
+        for (size_t c = 0; c < 3; ++c) {
+            double *row = &rows[c * size + b * columns];
+            row[0] = w->unit * map[c];
+            mean[c] += row[0] / (double)p->proxy_count;
+            for (size_t k = 1; k < columns; ++k) {
+                row[k] = map[3 * k + c];
+            }
+        }
+    }
+    for (size_t c = 0; c < 3; ++c) {
+        for (size_t b = 0; b < p->proxy_count; ++b) {
+            rows[c * size + b * columns] -= mean[c];
+        }
+    }
+}
+
+// G of some frames.
 static bool build_level(pci_scratch *scratch, const pci_skin_frames *w, size_t stride,
                         pci_skin_level *level) {
     const pci_skin_problem *p = w->problem;
-    const size_t np = p->proxy_count;
-    gram_job job = {.proxy_count = np};
+    const size_t size = p->proxy_count * w->data.columns;
+    gram_job job = {.size = size};
     pci_scratch local = pci_scratch_begin(scratch->context);
-    double *columns = PCI_SCRATCH(&local, double, 3 * PCI_BLOCK * w->block_count * np);
-    job.gram = PCI_SCRATCH(scratch, double, np *np);
+    double *columns = PCI_SCRATCH(&local, double, 3 * PCI_BLOCK * w->block_count * size);
+    job.gram = PCI_SCRATCH(scratch, double, size *size);
     level->gram = job.gram;
     level->stride = stride;
     level->targets = PCI_SCRATCH(scratch, double, p->vertex_count * p->slots);
@@ -47,27 +71,19 @@ static bool build_level(pci_scratch *scratch, const pci_skin_frames *w, size_t s
         return false;
     }
     for (size_t i = 0; i < w->block_count * PCI_BLOCK; ++i) {
-        const uint32_t f = w->frames[i];
-        for (size_t c = 0; c < 3 && i / PCI_BLOCK % stride == 0 && f != PC_INVALID_INDEX; ++c) {
-            double *row = &columns[job.rows++ * np], mean = 0.0;
-            for (size_t b = 0; b < np; ++b) {
-                const size_t at = 3 * b + c;
-                row[b] = w->unit * (p->frames[3 * np * f + at] - p->proxy_rest[at]);
-                mean += row[b] / (double)np;
-            }
-            for (size_t b = 0; b < np; ++b) {
-                row[b] -= mean;
-            }
+        if (i / PCI_BLOCK % stride == 0 && w->frames[i] != PC_INVALID_INDEX) {
+            fill_rows(w, w->frames[i], &columns[job.rows * size]);
+            job.rows += 3;
         }
     }
     level->factor = 3.0 * (double)p->frame_count / (double)job.rows;
     job.columns = columns;
-    pci_parallel_for(scratch->context, np, 16, fill_gram, &job);
-    for (size_t b = 0; b < np; ++b) {
+    pci_parallel_for(scratch->context, size, 16, fill_gram, &job);
+    for (size_t b = 0; b < size; ++b) {
         for (size_t c = 0; c < b; ++c) {
-            job.gram[c * np + b] = job.gram[b * np + c] *= level->factor;
+            job.gram[c * size + b] = job.gram[b * size + c] *= level->factor;
         }
-        job.gram[b * np + b] *= level->factor;
+        job.gram[b * size + b] *= level->factor;
     }
     pci_scratch_end(&local);
     return true;
@@ -87,17 +103,17 @@ static void finish_gradient(void *user, size_t begin, size_t end, uint32_t worke
     const row_job *job = user;
     pci_skin_alternation *a = job->a;
     const pci_skin_problem *p = a->frames.problem;
-    const size_t slots = p->slots;
+    const size_t slots = p->slots, columns = a->frames.data.columns;
     for (size_t v = begin; v < end; ++v) {
         const uint32_t *bones = &p->bones[v * slots];
-        const double *w = &job->weights[v * slots];
+        const double *w = &job->weights[v * slots], *point = &a->frames.points[v * columns];
         double *gradient = &a->gradient[v * slots];
         pci_skin_frames_row(&a->frames, v, gradient);
         for (size_t k = 0; k < slots; ++k) {
-            const double *row = &job->level->gram[p->proxy_count * bones[k]];
             double sum = -job->level->targets[v * slots + k];
             for (size_t l = 0; l < slots; ++l) {
-                sum += row[bones[l]] * w[l];
+                sum += w[l] * pci_skin_gram_product(job->level->gram, p->proxy_count, columns,
+                                                    bones[k], bones[l], point, point);
             }
             gradient[k] += 2.0 * a->follow[v] * sum;
         }
@@ -180,15 +196,18 @@ void pci_skin_alternation_follow(pci_skin_alternation *a, const pc_mesh *proxy,
         squares += pci_squared_distance(&proxy->positions[3 * i], &proxy->positions[3 * j]);
     }
     a->spacing = squares / (3.0 * (double)proxy->triangle_count);
-    const size_t slots = followed->influences;
+    const size_t slots = followed->influences, columns = a->frames.data.columns;
     for (size_t i = 0; i < PCI_SKIN_LEVELS * p->vertex_count; ++i) {
         const pci_skin_level *level = &a->levels[i / p->vertex_count];
         const size_t v = i % p->vertex_count;
+        const double *point = &a->frames.points[v * columns];
         for (size_t k = v * p->slots; k < (v + 1) * p->slots; ++k) {
-            const double *row = &level->gram[p->proxy_count * p->bones[k]];
             level->targets[k] = 0.0;
             for (size_t l = v * slots; l < (v + 1) * slots; ++l) {
-                level->targets[k] += followed->weights[l] * row[followed->bones[l]];
+                level->targets[k] +=
+                    followed->weights[l] * pci_skin_gram_product(level->gram, p->proxy_count,
+                                                                 columns, p->bones[k],
+                                                                 followed->bones[l], point, point);
             }
         }
     }
@@ -210,8 +229,8 @@ bool pci_skin_alternation_weigh(pci_scratch *scratch, pci_skin_alternation *a,
     if (a->quadratic.offsets != NULL) {
         return pci_skin_quadratic_weigh(scratch, p, a->scale, a->follow, &a->quadratic);
     }
-    return pci_skin_quadratic_build(scratch, p, a->scale, a->follow, a->levels[PCI_SKIN_ALL].gram,
-                                    a->allowed, &a->quadratic);
+    return pci_skin_quadratic_build(scratch, p, w->points, a->scale, a->follow,
+                                    a->levels[PCI_SKIN_ALL].gram, a->allowed, &a->quadratic);
 }
 
 pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, double tolerance,

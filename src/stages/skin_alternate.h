@@ -15,7 +15,7 @@
 typedef struct pci_skin_level {
     size_t stride;   // of the blocks
     double factor;   // all frames over those of the sample
-    double *gram;    // #P by #P, of the sample, times the factor
+    double *gram;    // of the sample, times the factor; see pci_skin_quadratic
     double *targets; // #V by slots: G b, rows of the candidates
 } pci_skin_level;
 

@@ -239,43 +239,64 @@ static void start_from_followed(pci_skin_fit *f) {
     }
 }
 
-// Length of a vertex's way from rest in one frame.
-static double way(const pci_skin_problem *p, size_t frame, size_t count, const uint32_t *bones,
-                  const double *weights) {
-    const double *positions = &p->frames[3 * p->proxy_count * frame];
+// Length of a vertex's way from rest in one frame, from the maps of the bones.
+static double way(const double *maps, size_t columns, const double *point, size_t count,
+                  const uint32_t *bones, const double *weights) {
     double u[3] = {0};
     for (size_t k = 0; k < count; ++k) {
-        for (size_t c = 0; c < 3; ++c) {
-            const size_t at = 3 * (size_t)bones[k] + c;
-            u[c] += weights[k] * (positions[at] - p->proxy_rest[at]);
+        const double *map = &maps[3 * PCI_SKIN_COLUMNS_MAX * (size_t)bones[k]];
+        for (size_t i = 0; i < 3 * columns; ++i) {
+            u[i % 3] += weights[k] * (point[i / 3] * map[i]);
         }
     }
     return pci_norm(u);
 }
 
 // Motion of the garment over that of its closest points on the proxy, from some of the frames.
-static double motion_ratio(const pci_skin_fit *f) {
+// False: out of memory.
+static bool find_motion_ratio(const pci_skin_fit *f, double *ratio) {
     const pci_skin_problem *p = &f->problem;
-    double moved = 0.0, moved_closest = 0.0;
-    for (size_t t = 0; t < p->frame_count; t += MOTION_STRIDE) {
+    const size_t columns = pci_skin_columns(p);
+    pci_skin_problem still = *p; // closest points are moved
+    still.rotations = NULL;
+    pci_scratch scratch = pci_scratch_begin(f->context);
+    const size_t size = 3 * PCI_SKIN_COLUMNS_MAX;
+    double *maps = PCI_SCRATCH(&scratch, double, size * p->proxy_count);
+    double *moves = PCI_SCRATCH(&scratch, double, size * p->proxy_count);
+    double origin[3], moved = 0.0, moved_closest = 0.0;
+    (void)pci_skin_extent(p, origin);
+    for (size_t t = 0; t < p->frame_count && !scratch.failed; t += MOTION_STRIDE) {
+        for (size_t b = 0; b < p->proxy_count; ++b) {
+            pci_skin_bone_map(p, origin, t, b, &maps[size * b]);
+            pci_skin_bone_map(&still, origin, t, b, &moves[size * b]);
+        }
         for (size_t v = 0; v < p->vertex_count; ++v) {
             const pci_closest *closest = &f->closest[v];
-            moved += way(p, t, p->slots, &f->bones[v * p->slots], &f->weights[v * p->slots]);
-            moved_closest += way(p, t, 3, &f->proxy->triangles[3 * (size_t)closest->triangle],
-                                 closest->barycentric);
+            double point[PCI_SKIN_COLUMNS_MAX];
+            pci_skin_point(p, origin, 1.0, v, point);
+            moved += way(maps, columns, point, p->slots, &f->bones[v * p->slots],
+                         &f->weights[v * p->slots]);
+            moved_closest +=
+                way(moves, 1, point, 3, &f->proxy->triangles[3 * (size_t)closest->triangle],
+                    closest->barycentric);
         }
     }
-    return moved_closest > 0.0 ? moved / moved_closest : 1.0;
+    *ratio = moved_closest > 0.0 ? moved / moved_closest : 1.0;
+    const bool good = !scratch.failed;
+    pci_scratch_end(&scratch);
+    return good;
 }
 
 // The losses are least where nothing moves: L_f counts more while the garment moves too little.
-// True when that changed.
-static bool keep_moving(pci_skin_fit *f) {
-    if (motion_ratio(f) >= f->options->least_motion) {
-        return false;
+// `changed` becomes true when that did.
+static pc_status keep_moving(pci_skin_fit *f, bool *changed) {
+    double ratio;
+    if (!find_motion_ratio(f, &ratio)) {
+        return pci_fail_memory(f->context, stage);
     }
-    f->follow_share *= following_factor;
-    return true;
+    *changed = ratio < f->options->least_motion;
+    f->follow_share *= *changed ? following_factor : 1.0;
+    return PC_OK;
 }
 
 static void normalize_rows(const pci_skin_fit *f) {
@@ -329,8 +350,11 @@ pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_
         }
         if (phase > 0 && status == PC_OK) {
             // The pass over the frames before slots are taken away also measures.
-            const bool still = keep_moving(f);
-            status = pci_skin_alternation_prune(&a, widths[phase], f->weights, &measures);
+            bool still = false;
+            status = keep_moving(f, &still);
+            if (status == PC_OK) {
+                status = pci_skin_alternation_prune(&a, widths[phase], f->weights, &measures);
+            }
             if (status == PC_OK && (rebalance(f, &measures) || still)) {
                 status = weigh(scratch, f, &a);
             }

@@ -255,27 +255,52 @@ static bool build_patches(pci_scratch *scratch, pci_skin_frames *w) {
 
 // ---- frames -------------------------------------------------------------------------------------
 
-// Displacements of the proxy, frames innermost. In float the mean displacement of each frame is
-// left out: no loss depends on it, and smaller numbers keep more digits.
+// What the proxy does, frames innermost. In float the mean displacement of each frame is left out:
+// no loss depends on it, and smaller numbers keep more digits.
 static void fill_driver(const pci_skin_frames *w, size_t block) {
     const pci_skin_problem *p = w->problem;
     const bool centred = w->kernel->real_size == sizeof(float);
+    const size_t per_bone = 3 * (size_t)w->data.columns;
     void *driver = w->drivers + block * w->driver_size;
     for (size_t lane = 0; lane < PCI_BLOCK; ++lane) {
         const uint32_t f = w->frames[block * PCI_BLOCK + lane];
         if (f == PC_INVALID_INDEX) {
             continue; // stays at rest and adds no gradient
         }
-        const double *frame = &p->frames[3 * p->proxy_count * f];
-        double mean[3] = {0};
-        for (size_t k = 0; k < 3 * p->proxy_count && centred; ++k) {
-            mean[k % 3] += (frame[k] - p->proxy_rest[k]) / (double)p->proxy_count;
+        double mean[3] = {0}, map[3 * PCI_SKIN_COLUMNS_MAX];
+        for (size_t b = 0; b < p->proxy_count && centred; ++b) {
+            pci_skin_bone_map(p, w->origin, f, b, map);
+            for (size_t c = 0; c < 3; ++c) {
+                mean[c] += map[c] / (double)p->proxy_count;
+            }
         }
-        for (size_t k = 0; k < 3 * p->proxy_count; ++k) {
-            pci_skin_put(w->kernel, driver, k * PCI_BLOCK + lane,
-                         w->unit * (frame[k] - p->proxy_rest[k] - mean[k % 3]));
+        for (size_t b = 0; b < p->proxy_count; ++b) {
+            pci_skin_bone_map(p, w->origin, f, b, map);
+            for (size_t k = 0; k < per_bone; ++k) {
+                pci_skin_put(w->kernel, driver, (per_bone * b + k) * PCI_BLOCK + lane,
+                             k < 3 ? w->unit * (map[k] - mean[k]) : map[k]);
+            }
         }
     }
+}
+
+// Where the vertices are, as the driver sees them.
+static bool fill_points(pci_scratch *scratch, pci_skin_frames *w) {
+    const pci_skin_problem *p = w->problem;
+    const size_t columns = w->data.columns, count = p->vertex_count * columns;
+    void *points = pci_skin_reals(scratch, w->kernel, count);
+    w->points = PCI_SCRATCH(scratch, double, count);
+    if (scratch->failed) {
+        return false;
+    }
+    for (size_t v = 0; v < p->vertex_count; ++v) {
+        pci_skin_point(p, w->origin, w->unit, v, &w->points[v * columns]);
+    }
+    for (size_t i = 0; i < count; ++i) {
+        pci_skin_put(w->kernel, points, i, w->points[i]);
+    }
+    w->data.points = points;
+    return true;
 }
 
 bool pci_skin_frames_build(pci_scratch *scratch, const pci_skin_problem *problem,
@@ -287,22 +312,17 @@ bool pci_skin_frames_build(pci_scratch *scratch, const pci_skin_problem *problem
     w->problem = problem;
     w->kernel = kernel;
     w->block_count = block_count;
-    w->unit = 1.0;
-    if (kernel->real_size == sizeof(float)) {
-        const pc_mesh points = {.vertex_count = nv, .positions = (double *)problem->rest};
-        double low[3], high[3];
-        pci_bounding_box(&points, low, high);
-        const double diagonal = sqrt(pci_squared_distance(low, high));
-        w->unit = diagonal > 0.0 ? 1.0 / diagonal : 1.0;
-    }
+    const double diagonal = pci_skin_extent(problem, w->origin);
+    w->unit = kernel->real_size == sizeof(float) && diagonal > 0.0 ? 1.0 / diagonal : 1.0;
+    w->data.columns = pci_skin_columns(problem);
     w->data.slots = problem->slots;
     w->data.bones = problem->bones;
     w->data.weights = pci_skin_reals(scratch, kernel, nv * problem->slots);
-    w->driver_size = 3 * PCI_BLOCK * problem->proxy_count * kernel->real_size;
+    const size_t per_block = 3 * PCI_BLOCK * w->data.columns * problem->proxy_count;
+    w->driver_size = per_block * kernel->real_size;
     w->frames = frames;
-    w->drivers =
-        pci_skin_reals(scratch, kernel, block_count * 3 * PCI_BLOCK * problem->proxy_count);
-    if (scratch->failed || !build_patches(scratch, w)) {
+    w->drivers = pci_skin_reals(scratch, kernel, block_count * per_block);
+    if (scratch->failed || !fill_points(scratch, w) || !build_patches(scratch, w)) {
         return false;
     }
     for (size_t b = 0; b < block_count; ++b) {

@@ -3,7 +3,7 @@
 #ifndef PCI_SKIN_FRAMES_H
 #define PCI_SKIN_FRAMES_H
 
-#include "stages/skin_internal.h"
+#include "stages/skin_driver.h"
 
 enum { PCI_SKIN_SLOTS_MAX = 64 };
 
@@ -12,7 +12,9 @@ typedef struct pci_skin_frames {
     const pci_skin_problem *problem;
     const pci_skin_kernel *kernel;
     pci_skin_data data;
-    double unit; // lengths are multiplied by this
+    double unit;      // lengths are multiplied by this
+    double origin[3]; // of the points
+    double *points;   // #V by columns: x^ of skin_driver.h in that unit
 
     size_t patch_count;
     pci_skin_patch *patches;

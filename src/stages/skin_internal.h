@@ -20,7 +20,8 @@ typedef struct pci_skin_problem {
     size_t proxy_count;
     const double *proxy_rest; // #P by 3
     size_t frame_count;
-    const double *frames; // #frames by #P by 3, absolute
+    const double *frames;    // #frames by #P by 3, absolute
+    const double *rotations; // #frames by #P by 4, unit quaternions (x, y, z, w); NULL: none turns
     uint32_t slots;
     const uint32_t *bones; // B(i): #V by slots
 } pci_skin_problem;

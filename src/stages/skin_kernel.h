@@ -14,7 +14,7 @@
 #ifndef PCI_SKIN_KERNEL_H
 #define PCI_SKIN_KERNEL_H
 
-#include "core/core.h"
+#include "core/rotation.h"
 
 enum { PCI_BLOCK = 16 }; // frames per block, the innermost dimension of all per-frame arrays
 
@@ -49,8 +49,10 @@ enum { // of a vertex
 // What all patches share.
 typedef struct pci_skin_data {
     uint32_t slots;
+    uint32_t columns;      // of the driver, see skin_driver.h
     const uint32_t *bones; // #V by slots
     const void *weights;   // real, #V by slots
+    const void *points;    // real, #V by columns
     double scale[4];       // of the gradients of L_r, L_c, L_a, L_s
 } pci_skin_data;
 
@@ -69,7 +71,7 @@ typedef struct pci_skin_sums {
 
 typedef struct pci_skin_kernel {
     size_t real_size;
-    // `driver`: real, #P by 3 by PCI_BLOCK, displacements of the proxy. `first`: there are no
+    // `driver`: real, #P by columns by 3 by PCI_BLOCK, see skin_driver.h. `first`: there are no
     // rotations of the block before in the buffers. `sums`: added to, or NULL. `gradient`: real,
     // #local by slots, dL/dw is added with the weights taken as free; or NULL.
     void (*evaluate)(const pci_skin_data *data, const pci_skin_patch *patch, const void *driver,
@@ -86,10 +88,5 @@ extern const pci_skin_kernel pci_skin_generic_float, pci_skin_generic_double;
 extern const pci_skin_kernel pci_skin_avx2_float, pci_skin_avx2_double;
 extern const pci_skin_kernel pci_skin_avx512_float, pci_skin_avx512_double;
 #endif
-
-// The rotation R that maximises tr(R^T S), as unit quaternion (w, x, y, z): the largest
-// eigenvector of a symmetric 4 by 4 matrix, by Jacobi rotations. S row-major; S = 0 gives the
-// identity.
-void pci_rotation_by_jacobi(const double s[9], double quaternion[4]);
 
 #endif

@@ -143,26 +143,32 @@ static inline __attribute__((always_inline)) void NAME(fit_rotation)(const VEC s
     NAME(turn)(q, r);
 }
 
+// Displacements u of the vertices; `columns` is that of the data, known where this is compiled.
 static inline __attribute__((always_inline)) void NAME(displace)(const pci_skin_data *data,
                                                                  const pci_skin_patch *patch,
                                                                  const REAL *driver,
+                                                                 const size_t columns,
                                                                  REAL *displacements) {
-    const REAL *weights = data->weights;
+    const REAL *weights = data->weights, *points = data->points;
     for (size_t v = 0; v < patch->local_count; ++v) {
         const uint32_t *bones = &data->bones[(size_t)patch->vertices[v] * data->slots];
         const REAL *weight = &weights[(size_t)patch->vertices[v] * data->slots];
+        const REAL *point = &points[(size_t)patch->vertices[v] * columns];
         for (size_t lane = 0; lane < PCI_BLOCK; lane += LANES) {
-            VEC x = {0}, y = {0}, z = {0};
+            VEC map[12] = {{0}};
             for (size_t k = 0; k < data->slots; ++k) {
-                const REAL *d = &driver[3 * PCI_BLOCK * (size_t)bones[k] + lane];
-                x += weight[k] * LOAD(d);
-                y += weight[k] * LOAD(d + PCI_BLOCK);
-                z += weight[k] * LOAD(d + 2 * PCI_BLOCK);
+                const REAL *d = &driver[3 * PCI_BLOCK * columns * bones[k] + lane];
+                for (size_t c = 0; c < 3 * columns; ++c) {
+                    map[c] += weight[k] * LOAD(d + c * PCI_BLOCK);
+                }
             }
             REAL *u = &displacements[3 * PCI_BLOCK * v + lane];
-            STORE(u, x);
-            STORE(u + PCI_BLOCK, y);
-            STORE(u + 2 * PCI_BLOCK, z);
+            for (size_t c = 0; c < 3; ++c) {
+                for (size_t k = 1; k < columns; ++k) {
+                    map[c] += point[k] * map[3 * k + c];
+                }
+                STORE(u + c * PCI_BLOCK, map[c]);
+            }
         }
     }
 }
@@ -374,23 +380,37 @@ static inline __attribute__((always_inline)) void NAME(add_lanes)(const REAL *pr
            __builtin_shufflevector(first, second, 2, 3, 6, 7);
 }
 
-// dL/dw_ij = sum over frames of dL/du . d_j.
+// One coordinate of what a bone does to a point.
+static inline __attribute__((always_inline)) VEC NAME(apply)(const REAL *d, const REAL *point,
+                                                             const size_t columns) {
+    VEC moved = LOAD(d);
+    for (size_t k = 1; k < columns; ++k) {
+        moved += point[k] * LOAD(d + 3 * PCI_BLOCK * k);
+    }
+    return moved;
+}
+
+// dL/dw_ij = sum over frames of dL/du . A_j x_i.
 static inline __attribute__((always_inline)) void
 NAME(collect)(const pci_skin_data *data, const pci_skin_patch *patch, const REAL *driver,
-              const REAL *forces, REAL *gradient) {
+              const size_t columns, const REAL *forces, REAL *gradient) {
     REAL products[4 * PCI_BLOCK] __attribute__((aligned(64))) = {0};
+    const REAL *points = data->points;
     for (size_t v = 0; v < patch->local_count; ++v) {
         const uint32_t *bones = &data->bones[(size_t)patch->vertices[v] * data->slots];
+        const REAL *point = &points[(size_t)patch->vertices[v] * columns];
         const REAL *g = &forces[3 * PCI_BLOCK * v];
         for (size_t first = 0; first < data->slots; first += 4) {
             const size_t count = data->slots - first < 4 ? data->slots - first : 4;
             for (size_t k = 0; k < count; ++k) {
-                const REAL *d = &driver[3 * PCI_BLOCK * (size_t)bones[first + k]];
+                const REAL *d = &driver[3 * PCI_BLOCK * columns * bones[first + k]];
                 for (size_t lane = 0; lane < PCI_BLOCK; lane += LANES) {
+                    const VEC x = NAME(apply)(d + lane, point, columns);
+                    const VEC y = NAME(apply)(d + PCI_BLOCK + lane, point, columns);
+                    const VEC z = NAME(apply)(d + 2 * PCI_BLOCK + lane, point, columns);
                     STORE(&products[k * PCI_BLOCK + lane],
-                          LOAD(&g[lane]) * LOAD(d + lane) +
-                              LOAD(&g[PCI_BLOCK + lane]) * LOAD(d + PCI_BLOCK + lane) +
-                              LOAD(&g[2 * PCI_BLOCK + lane]) * LOAD(d + 2 * PCI_BLOCK + lane));
+                          LOAD(&g[lane]) * x + LOAD(&g[PCI_BLOCK + lane]) * y +
+                              LOAD(&g[2 * PCI_BLOCK + lane]) * z);
                 }
             }
             QUAD sums;
@@ -450,7 +470,11 @@ static void NAME(evaluate)(const pci_skin_data *data, const pci_skin_patch *patc
     REAL *displacements = buffers->displacements, *forces = buffers->forces;
     REAL *quaternions = buffers->quaternions;
     REAL turned[4 * PCI_BLOCK] __attribute__((aligned(64))); // since the block before
-    NAME(displace)(data, patch, driver, displacements);
+    if (data->columns == 1) {
+        NAME(displace)(data, patch, driver, 1, displacements);
+    } else {
+        NAME(displace)(data, patch, driver, 4, displacements);
+    }
     if (gradient != NULL) {
         memset(forces, 0, 3 * PCI_BLOCK * patch->local_count * sizeof(*forces));
     }
@@ -485,8 +509,10 @@ static void NAME(evaluate)(const pci_skin_data *data, const pci_skin_patch *patc
             }
         }
     }
-    if (gradient != NULL) {
-        NAME(collect)(data, patch, driver, forces, gradient);
+    if (gradient != NULL && data->columns == 1) {
+        NAME(collect)(data, patch, driver, 1, forces, gradient);
+    } else if (gradient != NULL) {
+        NAME(collect)(data, patch, driver, 4, forces, gradient);
     }
 }
 

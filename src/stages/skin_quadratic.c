@@ -223,21 +223,23 @@ static bool build_loaded(pci_scratch *scratch, pci_skin_quadratic *q) {
         g->places = PCI_SCRATCH(scratch, uint32_t, rows * q->slots);
         g->moved = PCI_SCRATCH(scratch, double, rows * q->slots);
         g->bones = PCI_SCRATCH(scratch, uint32_t, most);
-        g->gram = PCI_SCRATCH(scratch, double, most *most);
-        g->accumulator = PCI_SCRATCH(scratch, double, most);
+        g->gram = PCI_SCRATCH(scratch, double, most *most * q->width * q->width);
+        g->accumulator = PCI_SCRATCH(scratch, double, most * q->width);
     }
     return !scratch->failed;
 }
 
 bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *problem,
-                              const double scale[4], const double *diagonal, const double *gram,
-                              const uint32_t *allowed, pci_skin_quadratic *q) {
+                              const double *points, const double scale[4], const double *diagonal,
+                              const double *gram, const uint32_t *allowed, pci_skin_quadratic *q) {
     memset(q, 0, sizeof(*q));
     q->context = scratch->context;
     q->vertex_count = problem->vertex_count;
     q->proxy_count = problem->proxy_count;
     q->slots = problem->slots;
     q->bones = problem->bones;
+    q->width = pci_skin_columns(problem);
+    q->points = points;
     q->gram = gram;
     q->allowed = allowed;
     return build_matrix(scratch, problem, scale, diagonal, q) &&
@@ -302,11 +304,18 @@ static void load_group(const sweep_job *job, uint32_t group, pci_skin_group *g) 
             }
         }
     }
-    for (size_t b = 0; b < g->bone_count; ++b) {
-        const double *row = &q->gram[q->proxy_count * g->bones[b]];
-        for (size_t c = 0; c < g->bone_count && b < own_bones; ++c) {
-            g->gram[b * g->bone_count + c] = row[g->bones[c]];
+    const size_t width = q->width;
+    double *to = g->gram;
+    for (size_t b = 0; b < width * own_bones; ++b) {
+        const size_t from = width * g->bones[b / width] + b % width;
+        const double *row = &q->gram[width * q->proxy_count * from];
+        for (size_t c = 0; c < g->bone_count; ++c) {
+            for (size_t k = 0; k < width; ++k) {
+                *to++ = row[width * g->bones[c] + k];
+            }
         }
+    }
+    for (size_t b = 0; b < g->bone_count; ++b) {
         g->bone_numbers[g->bones[b]] = 0;
     }
 }
@@ -335,17 +344,24 @@ static double multiply_row(const double *row, const double *y, size_t count) {
     return (sums[0] + sums[2]) + (sums[1] + sums[3]);
 }
 
-static void extract_row(const sweep_job *job, uint32_t v, const pci_skin_group *g,
-                        const uint32_t *positions, row_program *r) {
+// `width` is that of the quadratic, known where this is compiled.
+static inline __attribute__((always_inline)) void fill_row(const sweep_job *job, uint32_t v,
+                                                           const pci_skin_group *g,
+                                                           const uint32_t *positions,
+                                                           const size_t width, row_program *r) {
     const pci_skin_quadratic *q = job->q;
-    const size_t own = (size_t)v * q->slots, count = g->bone_count;
+    const size_t own = (size_t)v * q->slots, count = width * g->bone_count;
+    const double *x = &q->points[v * width];
     double *y = g->accumulator, trace = 0.0;
     memset(y, 0, count * sizeof(*y));
     for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
         const uint32_t row = g->row_numbers[q->columns[e]] - 1;
-        const double value = q->values[e];
+        const double value = q->values[e], *other = &q->points[q->columns[e] * width];
         for (size_t k = g->row_offsets[row]; k < g->row_offsets[row + 1]; ++k) {
-            y[g->places[k]] += value * g->moved[k];
+            const double moved = value * g->moved[k];
+            for (size_t c = 0; c < width; ++c) {
+                y[width * g->places[k] + c] += width > 1 ? moved * other[c] : moved;
+            }
         }
     }
     const double diagonal = q->values[q->offsets[v]];
@@ -359,14 +375,29 @@ static void extract_row(const sweep_job *job, uint32_t v, const pci_skin_group *
         }
     }
     for (uint32_t i = 0; i < r->count; ++i) {
-        const double *row = &g->gram[count * places[i]];
-        r->gradient[i] = job->gradient[own + r->slots[i]] + multiply_row(row, y, count);
+        const double *rows = &g->gram[count * width * places[i]];
+        double sum = multiply_row(rows, y, count);
+        for (size_t k = 1; k < width; ++k) {
+            sum += x[k] * multiply_row(&rows[k * count], y, count);
+        }
+        r->gradient[i] = job->gradient[own + r->slots[i]] + sum;
         for (uint32_t j = 0; j < r->count; ++j) {
-            r->a[i * r->count + j] = diagonal * row[places[j]];
+            const double product =
+                pci_skin_gram_product(g->gram, g->bone_count, width, places[i], places[j], x, x);
+            r->a[i * r->count + j] = diagonal * product;
         }
         trace += r->a[i * r->count + i];
     }
     r->ridge = ridge_share * trace + DBL_MIN;
+}
+
+static void extract_row(const sweep_job *job, uint32_t v, const pci_skin_group *g,
+                        const uint32_t *positions, row_program *r) {
+    if (job->q->width == 1) {
+        fill_row(job, v, g, positions, 1, r);
+    } else {
+        fill_row(job, v, g, positions, PCI_SKIN_COLUMNS_MAX, r);
+    }
 }
 
 // Takes one slot away; its weight goes to the others in proportion.

@@ -1,13 +1,14 @@
 // The energy of skin.h as a quadratic function of the weights, rotations held fixed. For skin*.c.
 //
 //   E(W) = E(W0) + <g0, W - W0> + 1/2 sum (w - w0)_ib H_ib,jc (w - w0)_jc,
-//   H_ib,jc = M_ij G[B_ib, B_jc]
-// with M = 2 (weighted Laplacians of L_r and L_c + K^T K of L_a + diagonal of L_t) and the Gram
-// matrix G of the displacements of the proxy over all frames.
+//   H_ib,jc = M_ij x^_i^T G[B_ib, B_jc] x^_j
+// with M = 2 (weighted Laplacians of L_r and L_c + K^T K of L_a + diagonal of L_t), and x^ and A of
+// skin_driver.h: G[b, c] = sum A_b^T A_c over all frames. With one column G is the Gram matrix of
+// the displacements of the proxy, and x^ = 1.
 #ifndef PCI_SKIN_QUADRATIC_H
 #define PCI_SKIN_QUADRATIC_H
 
-#include "stages/skin_internal.h"
+#include "stages/skin_driver.h"
 
 // What the vertices of one group need, close together in memory.
 typedef struct pci_skin_group {
@@ -20,19 +21,20 @@ typedef struct pci_skin_group {
     double *moved;          // slots of all rows: w - w0
     uint32_t *positions;    // of the slots of the group, in the two arrays above
     uint32_t *bones;        // #bones
-    double *gram;           // #bones by #bones, rows of the bones of the group
-    double *accumulator;    // #bones
+    double *gram;           // #bones width by #bones width, rows of the bones of the group
+    double *accumulator;    // #bones width
 } pci_skin_group;
 
 typedef struct pci_skin_quadratic {
     pc_context *context;
     size_t vertex_count, proxy_count;
-    uint32_t slots;
+    uint32_t slots, width; // width: numbers of x^
     const uint32_t *bones; // #V by slots
+    const double *points;  // #V by width: x^
     size_t *offsets;       // #V + 1: rows of M, the diagonal is the first entry
     uint32_t *columns;
     double *values;
-    const double *gram;      // G, #P by #P
+    const double *gram;      // G, #P width by #P width
     const uint32_t *allowed; // #V, bit k: slot k may have weight
     // Vertices in groups; groups of one colour share no entry of M.
     uint32_t group_count, colour_count;
@@ -43,11 +45,12 @@ typedef struct pci_skin_quadratic {
     pci_skin_group *loaded;   // #threads
 } pci_skin_quadratic;
 
-// `scale`: factors of the losses; `diagonal` (#V): what else M / 2 has there. `gram` and `allowed`
-// stay the caller's. False: out of memory.
+// `scale`: factors of the losses; `diagonal` (#V): what else M / 2 has there. `points`, `gram` and
+// `allowed` stay the caller's. False: out of memory.
 bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *problem,
-                              const double scale[4], const double *diagonal, const double *gram,
-                              const uint32_t *allowed, pci_skin_quadratic *quadratic);
+                              const double *points, const double scale[4], const double *diagonal,
+                              const double *gram, const uint32_t *allowed,
+                              pci_skin_quadratic *quadratic);
 
 // Other factors of the losses. False: out of memory.
 bool pci_skin_quadratic_weigh(pci_scratch *scratch, const pci_skin_problem *problem,

@@ -1,3 +1,4 @@
+#include "core/topology.h"
 #include "stages/voxelize_internal.h"
 
 static const char stage[] = "voxelize";
@@ -73,11 +74,6 @@ static pc_status place_lattice(pc_context *context, const pc_mesh *surface, uint
         minimum[k] = INFINITY, maximum[k] = -INFINITY;
         for (size_t i = 0; i < 3 * surface->triangle_count; ++i) {
             const double x = surface->positions[3 * (size_t)surface->triangles[i] + k];
-            if (!isfinite(x)) {
-                return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
-                                "%s: vertex %u has the coordinate %g", stage, surface->triangles[i],
-                                x);
-            }
             minimum[k] = fmin(minimum[k], x);
             maximum[k] = fmax(maximum[k], x);
         }
@@ -397,15 +393,17 @@ static bool is_empty(const pc_grid *grid) {
 pc_status pc_voxelize(pc_context *context, const pc_mesh *surface,
                       const pc_voxelize_options *options, pc_grid *grid,
                       pc_voxelize_report *report) {
-    if (surface == NULL || grid == NULL || !is_empty(grid)) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
-                        "%s: surface or grid is NULL, or grid is not empty", stage);
+    if (grid == NULL || !is_empty(grid)) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage, "%s: grid is NULL or not empty",
+                        stage);
     }
     pc_voxelize_options chosen;
     pc_voxelize_report result = {0};
     pci_bvh *bvh = NULL;
-    pc_status status =
-        pci_begin_stage(context, stage, &pc_voxelize_options_record, options, &chosen);
+    pc_status status = pci_check_mesh(context, stage, surface, "visual mesh");
+    if (status == PC_OK) {
+        status = pci_begin_stage(context, stage, &pc_voxelize_options_record, options, &chosen);
+    }
     if (status == PC_OK) {
         pc_grid lattice; // a bad surface shows before any work
         status = place_lattice(context, surface, PC_VOXELS_FLOOR, BAND_VOXELS, &lattice);

@@ -1,5 +1,5 @@
 // Seconds of pc_deform against a copy of as many bytes as it reads and writes.
-// Usage: proxycloth_bench_deform [VERTICES [JOINTS [INFLUENCES]]]
+// Usage: proxycloth_bench_deform [VERTICES [JOINTS [INFLUENCES [rotation]]]]
 //
 // "cache": one garment over and over, which stays in the caches. "memory": many garments in turn,
 // 256 MiB, so that every call finds its data in memory, as in a frame of a game; the copy runs over
@@ -67,7 +67,8 @@ static void measure(const garments *g, task what, size_t count, double seconds[2
 }
 
 // A sheet of joints, and vertices in rows over it that follow the nearest ones.
-static bool make(pc_context *context, garments *g, size_t joint_count, uint32_t influences) {
+static bool make(pc_context *context, garments *g, size_t joint_count, uint32_t influences,
+                 uint32_t skinning) {
     const size_t nv = g->vertex_count;
     float *positions = calloc(6 * nv, sizeof(float)),
           *rest = calloc(3 * joint_count, sizeof(float));
@@ -93,7 +94,8 @@ static bool make(pc_context *context, garments *g, size_t joint_count, uint32_t 
                                      .joints = joints,
                                      .weights = weights,
                                      .joint_count = joint_count,
-                                     .joint_positions = rest};
+                                     .joint_positions = rest,
+                                     .skinning = skinning};
     for (size_t i = 0; i < g->count && good; ++i) {
         good = pc_deform_prepare(context, &arrays, &g->deformers[i]) == PC_OK;
         g->positions[i] = calloc(3 * nv, sizeof(float));
@@ -133,8 +135,9 @@ int main(int argc, char **argv) {
     const size_t vertex_count = argc > 1 ? strtoul(argv[1], NULL, 10) : 20000;
     const size_t joint_count = argc > 2 ? strtoul(argv[2], NULL, 10) : 128;
     const uint32_t influences = argc > 3 ? (uint32_t)strtoul(argv[3], NULL, 10) : 4;
+    const bool turns = argc > 4 && strcmp(argv[4], "rotation") == 0;
     if (vertex_count == 0 || joint_count == 0 || influences == 0 || influences > 32) {
-        fprintf(stderr, "usage: %s [VERTICES [JOINTS [INFLUENCES]]]\n", argv[0]);
+        fprintf(stderr, "usage: %s [VERTICES [JOINTS [INFLUENCES [rotation]]]]\n", argv[0]);
         return 2;
     }
     const size_t bytes = vertex_count * (24 * ((influences + 3) / 4) + 48);
@@ -153,7 +156,8 @@ int main(int argc, char **argv) {
     if (good) {
         memset(g.from, 1, g.count * bytes);
         memset(g.to, 1, g.count * bytes);
-        good = make(context, &g, joint_count, influences);
+        good = make(context, &g, joint_count, influences,
+                    turns ? PC_SKINNING_ROTATION : PC_SKINNING_TRANSLATION);
     }
     if (good) {
         printf("%zu vertices, %zu joints, %u influences\n", vertex_count, joint_count, influences);

@@ -2,9 +2,10 @@
 # batch: broken files among good ones, what is up to date, interruption, shards, limits, manifests.
 # usage: batch.sh PROXYCLOTH
 set -u
-program=$1
 work=$(mktemp -d) || exit 1
 trap 'rm -rf "$work"' EXIT
+cp "$1" "$work/proxycloth" || exit 1
+program=$work/proxycloth # a path that tells our processes from others
 cd "$work" || exit 1
 failures=0
 
@@ -34,9 +35,16 @@ lines() {
 counts() { # counts REPORT NAME NUMBER
     grep -Eq "\"$2\":.$3(,|$)" "$1" || fail "$1: $2 is not $3"
 }
+gone() { # no process is left: what dies with its parent does so soon
+    tries=0
+    while grep -ls "$program" /proc/[0-9]*/cmdline >left; do
+        [ $((tries += 1)) -le 2400 ] || return 1
+        sleep 0.05
+    done
+}
 clean() { # no work folder is left, and no process
     [ -z "$(ls -A "$1" | grep '^\.')" ] || fail "$1 holds a work folder"
-    ! grep -ls "$work" /proc/[0-9]*/cmdline >stderr || fail "a process is left"
+    gone || fail "a process is left: $(cat left)"
 }
 listing() { # names, times and contents of all files
     find "$1" -type f -exec ls -l --time-style=full-iso {} + | LC_ALL=C sort -k 9
@@ -234,25 +242,31 @@ for i in 10 11 12 13 14 15 16 17 18 19; do
     sheet $i >many/sheet$i.obj
 done
 longer="--voxels 16 --vertices 40 --frames 5 --epochs 5 --no-png"
-for signal in KILL INT TERM; do
+# stop SIGNAL: sends it when two garments of ten are done.
+stop() {
     : >stdout # the loop below must not count the lines of the run before, nor signal too early
     "$program" batch many -o stopped --jobs 2 $longer >stdout 2>stderr </dev/null &
     process=$!
-    tries=0
-    until [ "$(wc -l <stdout)" -ge 2 ] || [ $((tries += 1)) -gt 1200 ]; do
+    until [ "$(wc -l <stdout)" -ge 2 ] || ! kill -0 $process; do
         sleep 0.05
-    done
-    kill -$signal $process
+    done 2>/dev/null
+    kill -$1 $process 2>/dev/null
     wait $process 2>/dev/null
     actual=$?
     finished=$(grep -c '"outcome":"done"' stdout)
+}
+for signal in KILL INT TERM; do
+    # On a busy machine this shell may wake up when all are done: again, then.
+    stop $signal
+    tries=0
+    while [ "$finished" -eq 10 ] && [ $((tries += 1)) -le 20 ]; do
+        rm -r stopped
+        stop $signal
+    done
     [ "$finished" -ge 2 ] && [ "$finished" -lt 10 ] || fail "$finished garments before $signal"
     if [ $signal = KILL ]; then
         [ ! -e stopped/batch.json ] || fail "a report after $signal"
-        tries=0 # the children die with it, soon
-        while grep -ls "$work" /proc/[0-9]*/cmdline >/dev/null && [ $((tries += 1)) -le 100 ]; do
-            sleep 0.05
-        done
+        gone || fail "a process is left after $signal: $(cat left)"
         ls -A stopped | grep -q '^\.proxycloth' || fail "no work folder after $signal"
     else
         [ "$actual" -eq 130 ] || fail "exit code $actual after $signal"

@@ -4,11 +4,12 @@
 # of it completes and tidies up.
 # usage: faults.sh PROXYCLOTH [KILLS [SEED]]
 set -u
-program=$1
 kills=${2:-2}
 seed=${3:-1}
 work=$(mktemp -d) || exit 1
 trap 'rm -rf "$work"' EXIT
+cp "$1" "$work/proxycloth" || exit 1
+program=$work/proxycloth # a path that tells our processes from others
 cd "$work" || exit 1
 failures=0
 
@@ -81,6 +82,11 @@ for command in build batch; do
         sleep "$pause"
         kill -9 "$process" 2>stderr
         wait "$process" 2>stderr
+        tries=0 # the children die with it, soon
+        while grep -ls "$program" /proc/[0-9]*/cmdline >left; do
+            [ $((tries += 1)) -le 2400 ] || { fail "$command: a process is left: $(cat left)"; break; }
+            sleep 0.05
+        done
         is_old_or_new out old-$command new-$command
         convert $command "$new" out || fail "$command after a kill: $(cat stderr)"
         same out new-$command

@@ -17,7 +17,7 @@ daemons=
 started=
 finish() {
     if [ -n "$started" ]; then
-        scancel --user "$(id -un)" && await 20 quiet
+        scancel --user "$(id -un)" && await 100 quiet
     fi
     kill $daemons 2>/dev/null
     wait
@@ -81,13 +81,13 @@ munged --foreground --force --key-file="$work/munge/key" --socket="$work/socket/
     --pid-file="$work/munge/pid" --log-file="$work/munge/log" --seed-file="$work/munge/seed" \
     >munged.log 2>&1 &
 daemons="$daemons $!"
-await 30 test -S socket/munge || fail "munged does not start"
+await 300 test -S socket/munge || fail "munged does not start"
 slurmctld -D >slurmctld.log 2>&1 &
 daemons="$daemons $!"
 slurmd -D -N "$host" >slurmd.log 2>&1 &
 daemons="$daemons $!"
 idle() { sinfo -h -o %t | grep -q '^idle'; }
-await 60 idle || fail "Slurm does not start"
+await 300 idle || fail "Slurm does not start"
 started=yes
 
 mkdir -p in out/garments/sheet6
@@ -110,9 +110,9 @@ echo "mine" >out/garments/sheet6/letter
 farm >planned 2>&1 || fail "planning"
 grep -q '^5 garments in 3 tasks: job [0-9]*$' planned || fail "the plan: $(cat planned)"
 again() { grep -qs 'DUE TO JOB REQUEUE' slurm-*_*.out; }
-await 120 again || fail "no task is queued again"
+await 600 again || fail "no task is queued again"
 rm -r out/garments/sheet6
-await 240 quiet || fail "the jobs do not end"
+await 900 quiet || fail "the jobs do not end"
 grep -hq '"id":"sheet6".*"outcome":"failed".*"retryable":true' slurm-*_*.out || fail "no failure"
 [ "$(ls out/batch-?-of-3.json | wc -l)" -eq 3 ] || fail "reports of the shards"
 [ "$(grep -c '"outcome":.*"done"' out/batch.json)" -eq 4 ] || fail "garments that are done"
@@ -123,4 +123,4 @@ grep -Eq '"ran":.0,' out/batch.json || fail "the collecting job converted garmen
 # All is up to date: there is nothing to submit but the report.
 farm >planned 2>&1 || fail "planning again"
 grep -q '^report: job [0-9]*$' planned && [ "$(wc -l <planned)" -eq 1 ] || fail "a plan for nothing"
-await 120 quiet || fail "the report does not end"
+await 600 quiet || fail "the report does not end"

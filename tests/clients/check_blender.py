@@ -1,4 +1,4 @@
-# Opens a GLB file of write_assets in Blender, poses it there, and compares with equation (6).
+# Opens a GLB file of write_assets in Blender, poses it there, and compares with what write_assets says.
 #
 #   blender --background --python-exit-code 1 --python check_blender.py -- FILE.glb FILE.json
 import json

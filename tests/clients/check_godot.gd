@@ -1,4 +1,4 @@
-# Poses a GLB file of write_assets that Godot's editor has imported, and compares with equation (6).
+# Poses a GLB file of write_assets that Godot's editor has imported, and compares with what write_assets says.
 #
 #   godot3 --path PROJECT -s check_godot.gd    (after godot3 --path PROJECT --editor --quit)
 #

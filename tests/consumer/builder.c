@@ -85,7 +85,7 @@ int main(void) {
         if (posed != NULL) {
             for (size_t frame = 0; frame < asset.motion.frame_count; ++frame) {
                 pc_skin_deform(&asset.skin, surface->positions, asset.proxy.positions,
-                               &asset.motion.positions[3 * frame * asset.motion.vertex_count],
+                               &asset.motion.positions[3 * frame * asset.motion.vertex_count], NULL,
                                posed);
             }
             printf("%s: %zu proxy vertices, %zu frames\n", pc_version(), asset.proxy.vertex_count,

@@ -83,7 +83,7 @@ static double difference(const garment *g) {
         return INFINITY;
     }
     pc_skin_deform(&g->asset.skin, visual->surface.positions, g->asset.proxy.positions,
-                   pc_simulator_positions(g->simulator), exact);
+                   pc_simulator_positions(g->simulator), NULL, exact);
     double largest = 0.0;
     for (size_t v = 0; v < g->vertices; ++v) {
         const double *wanted = &exact[3 * (size_t)visual->corner_vertices[v]];

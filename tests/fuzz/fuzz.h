@@ -7,6 +7,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 
 #include "proxycloth/proxycloth.h"
@@ -14,8 +15,10 @@
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
 // A promise of the library that does not hold is a crash.
-static inline void fuzz_assert(bool condition) {
+#define fuzz_assert(condition) fuzz_require((condition), __FILE__, __LINE__, #condition)
+static inline void fuzz_require(bool condition, const char *file, int line, const char *text) {
     if (!condition) {
+        fprintf(stderr, "%s:%d: %s\n", file, line, text);
         abort();
     }
 }

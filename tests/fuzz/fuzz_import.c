@@ -1,5 +1,6 @@
-// What crosses the border of the import child: the buffer that it sends (first byte even), and the
-// rewriting of GLB files inside it (odd).
+// What crosses the border of the import child: the buffer that it sends (first byte even; with
+// magic number and size put right in every other case), and the rewriting of GLB files inside it
+// (odd).
 #include <string.h>
 
 #include "../../cli/scene.h"
@@ -31,6 +32,13 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     scene_data scene;
     fuzz_assert(buffer != NULL);
     memcpy(buffer, data + 1, size - 1);
+    if (data[0] % 4 == 2 && size - 1 >= sizeof(scene.header)) {
+        scene_header header;
+        memcpy(&header, buffer, sizeof(header));
+        memcpy(header.magic, SCENE_MAGIC, sizeof(header.magic));
+        header.size = size - 1;
+        memcpy(buffer, &header, sizeof(header));
+    }
     if (scene_open(buffer, size - 1, &scene) == NULL) {
         uint8_t *chosen = calloc(scene.header.part_count + 1, 1);
         char names[256];

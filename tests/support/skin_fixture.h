@@ -2,6 +2,7 @@
 #ifndef TEST_SUPPORT_SKIN_FIXTURE_H
 #define TEST_SUPPORT_SKIN_FIXTURE_H
 
+#include "proxycloth/skin.h"
 #include "stages/skin_internal.h"
 #include "support/fixture.h"
 #include "support/obj.h"
@@ -13,7 +14,7 @@ typedef struct fixture {
     pci_scratch scratch;
     const char *name;
     pc_mesh visual, proxy;
-    double *frames, *surrogate, *weights;
+    double *frames, *surrogate, *weights, *rotations;
     uint32_t *bones, *near;
     const uint32_t *own_near; // as pci_skin_problem_build found it
     pci_skin_problem problem;
@@ -100,7 +101,42 @@ static inline void load_fixture(const char *name, uint32_t threads, fixture *f) 
     p->near_weights = near_weights;
 }
 
+// Gives every proxy vertex a rotation of its own in every frame.
+static inline void turn_at_random(fixture *f) {
+    pci_skin_problem *p = &f->problem;
+    const size_t count = p->proxy_count * p->frame_count;
+    free(f->rotations);
+    f->rotations = calloc(4 * count, sizeof(double));
+    for (size_t i = 0; i < count; ++i) {
+        double *q = &f->rotations[4 * i], square = 0.0;
+        for (size_t k = 0; k < 4; ++k) {
+            q[k] = 2.0 * pci_random(77, k, i) - 1.0;
+            square += q[k] * q[k];
+        }
+        for (size_t k = 0; k < 4; ++k) {
+            q[k] /= sqrt(square);
+        }
+    }
+    p->rotations = f->rotations;
+}
+
+// What a proxy vertex alone does to a visual vertex in a frame.
+static inline void displacement_by(const fixture *f, size_t frame, size_t bone, size_t vertex,
+                                   double out[3]) {
+    const pci_skin_problem *p = &f->problem;
+    const uint32_t only = (uint32_t)bone;
+    const double whole = 1.0, *rest = &p->rest[3 * vertex];
+    const pc_skin skin = {.vertex_count = 1,
+                          .influences = 1,
+                          .bones = (uint32_t *)&only,
+                          .weights = (double *)&whole};
+    pc_skin_deform(&skin, rest, p->proxy_rest, &p->frames[3 * p->proxy_count * frame],
+                   p->rotations == NULL ? NULL : &p->rotations[4 * p->proxy_count * frame], out);
+    pci_sub(out, rest, out);
+}
+
 static inline void free_fixture(fixture *f) {
+    free(f->rotations);
     free((double *)(uintptr_t)f->problem.near_weights);
     free(f->frames);
     free(f->surrogate);

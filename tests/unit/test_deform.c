@@ -1,4 +1,5 @@
 #define _POSIX_C_SOURCE 200809L
+#include "core/rotation.h"
 #include "core/topology.h"
 #include "deform_kernel.h"
 #include "support/glb.h"
@@ -180,7 +181,7 @@ static void kernels_agree_bit_by_bit(void **state) {
     char *blocks = aligned_alloc(64, room), *rest = aligned_alloc(64, BLOCKS * PCI_DEFORM_REST);
     float *table = aligned_alloc(64, 16 * JOINTS * sizeof(float));
     for (size_t i = 0; i < 16 * JOINTS; ++i) {
-        table[i] = i % 16 < 12 ? between(4, i, -1.0, 1.0) : 0.0F;
+        table[i] = between(4, i, -1.0, 1.0);
     }
     for (size_t i = 0; i < 3 * COUNT; ++i) {
         ((float *)(void *)rest)[i] = between(3, i, -1.0, 1.0);
@@ -202,11 +203,12 @@ static void kernels_agree_bit_by_bit(void **state) {
         }
         for (size_t end = COUNT - 18; end <= COUNT; ++end) {
             for (size_t stride = 12; stride <= 32; stride += 20) {
-                static float expected[2][8 * COUNT], found[2][8 * COUNT];
+                static float expected[3][8 * COUNT], found[3][8 * COUNT];
                 for (size_t k = 0; k < kernel_count; ++k) {
                     memset(found, 0, sizeof(found));
                     kernels[k]->positions(&rows, table, 5, end, (char *)found[0], stride);
                     kernels[k]->normals(&rows, table, 5, end, (char *)found[1], stride);
+                    kernels[k]->affine(&rows, table, 5, end, (char *)found[2], stride);
                     if (k == 0) {
                         memcpy(expected, found, sizeof(found));
                     }
@@ -303,9 +305,16 @@ static void bending_turns_normals(void **state) {
         joints[2 * v] = row + cell, joints[2 * v + 1] = row + cell + 1;
         weights[2 * v] = 1.0F - t, weights[2 * v + 1] = t;
     }
-    const pc_deform_arrays arrays = {
-        COUNT,    positions, normals, 2, joints, weights, NX * NY, rest, sizeof(triangles) / 12,
-        triangles};
+    const pc_deform_arrays arrays = {.vertex_count = COUNT,
+                                     .positions = positions,
+                                     .normals = normals,
+                                     .influences = 2,
+                                     .joints = joints,
+                                     .weights = weights,
+                                     .joint_count = NX * NY,
+                                     .joint_positions = rest,
+                                     .triangle_count = sizeof(triangles) / 12,
+                                     .triangles = triangles};
     pc_context *context = test_context(1);
     pc_deformer *deformer = NULL;
     assert_ok(context, pc_deform_prepare(context, &arrays, &deformer));
@@ -322,6 +331,74 @@ static void bending_turns_normals(void **state) {
     assert_true(worst < 0.5 * turn / (NX - 1));
     free(pose);
     pc_deform_destroy(context, deformer);
+    pc_context_destroy(context);
+}
+
+// Linear blend skinning in double, with rotations that the caller gives or that the estimator
+// finds; normals by the same rotations. Vertices of one joint turn rigidly.
+static void joints_turn_positions(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    for (size_t i = 0; i < 12; ++i) {
+        sample *s = make_sample(53, i % 3 == 0 ? 1 : (uint32_t)(3 * (i % 3)));
+        s->arrays.skinning = PC_SKINNING_ROTATION;
+        s->arrays.normals = i % 2 == 0 ? s->normals : NULL;
+        double rest[3 * JOINTS], moved[3 * JOINTS], found[4 * JOINTS];
+        float rotations[8 * JOINTS] = {0.0F};
+        for (size_t k = 0; k < 3 * JOINTS; ++k) {
+            rest[k] = (double)s->rest[k], moved[k] = (double)s->moved[k];
+        }
+        const pc_mesh proxy = {JOINTS, rest, JOINTS - 2, s->triangles};
+        pc_rotation_estimator *estimator = NULL;
+        assert_ok(context, pc_rotation_estimator_create(context, &proxy, NULL, &estimator));
+        pc_rotation_estimate(estimator, moved, found);
+        for (size_t k = 0; k < 4 * JOINTS && i >= 6; ++k) {
+            found[k] = (double)between(i, k, -1.0, 1.0);
+        }
+        for (size_t j = 0; j < JOINTS; ++j) {
+            double *q = &found[4 * j];
+            const double length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+            for (size_t k = 0; k < 4; ++k) {
+                q[k] /= length;
+                rotations[8 * j + k] = (float)q[k];
+            }
+        }
+        pc_deformer *deformer = NULL;
+        assert_ok(context, pc_deform_prepare(context, &s->arrays, &deformer));
+        void *pose = make_pose(deformer, s->moved, 0);
+        if (i >= 6) {
+            pc_deform_pose_rotated(deformer, s->moved, 0, rotations, 32, pose);
+        }
+        float out[3 * 53], normals[3 * 53];
+        pc_deform(deformer, pose, 0, 53,
+                  &(pc_deform_output){.positions = out, .normals = i % 2 == 0 ? normals : NULL});
+        for (size_t v = 0; v < 53; ++v) {
+            double sum = 0.0, expected[3] = {0.0}, normal[3] = {0.0}, r[9];
+            for (size_t k = v * s->arrays.influences; k < (v + 1) * s->arrays.influences; ++k) {
+                const size_t joint = s->joints[k];
+                pci_matrix_of_quaternion(&found[4 * joint], r);
+                for (size_t c = 0; c < 9; ++c) {
+                    const double w = (double)s->weights[k];
+                    expected[c / 3] +=
+                        w * r[c] * ((double)s->positions[3 * v + c % 3] - rest[3 * joint + c % 3]);
+                    expected[c / 3] += c % 3 == 0 ? w * moved[3 * joint + c / 3] : 0.0;
+                    normal[c / 3] += w * r[c] * (double)s->normals[3 * v + c % 3];
+                }
+                sum += (double)s->weights[k];
+            }
+            const double length = pci_norm(normal);
+            for (size_t c = 0; c < 3; ++c) {
+                assert_close((double)out[3 * v + c], expected[c] / sum, 3e-6);
+                if (i % 2 == 0) {
+                    assert_close((double)normals[3 * v + c], normal[c] / length, 1e-4);
+                }
+            }
+        }
+        free(pose);
+        pc_deform_destroy(context, deformer);
+        pc_rotation_estimator_destroy(context, estimator);
+        free(s);
+    }
     pc_context_destroy(context);
 }
 
@@ -355,6 +432,26 @@ static void rings_without_area_do_not_turn(void **state) {
 }
 
 // ---- the GLB ------------------------------------------------------------------------------------
+
+// The numbers of a list in the extras of the proxy.
+static uint32_t *read_extras(const cJSON *extras, const char *name, size_t *count) {
+    const cJSON *list = child(extras, name), *item;
+    *count = (size_t)cJSON_GetArraySize(list);
+    uint32_t *numbers = calloc(*count + 1, sizeof(uint32_t));
+    size_t next = 0;
+    cJSON_ArrayForEach(item, list) { numbers[next++] = (uint32_t)item->valuedouble; }
+    return numbers;
+}
+
+static const cJSON *proxy_extras(const glb *g) {
+    const cJSON *node, *extras = NULL;
+    cJSON_ArrayForEach(node, child(g->json, "nodes")) {
+        extras = cJSON_HasObjectItem(node, "extras") ? child(child(node, "extras"), "proxycloth")
+                                                     : extras;
+    }
+    assert_non_null(extras);
+    return extras;
+}
 
 // What an engine has after loading a primitive: arrays of a GLB, nothing of this library.
 static pc_deformer *prepare_from_glb(pc_context *context, const glb *g, const cJSON *primitive,
@@ -390,8 +487,22 @@ static pc_deformer *prepare_from_glb(pc_context *context, const glb *g, const cJ
     for (size_t j = 0; j < 3 * joint_count; ++j) {
         rest[j] = -(float)matrices[16 * (j / 3) + 12 + j % 3];
     }
+    const cJSON *extras = proxy_extras(g), *skinning = cJSON_GetObjectItem(extras, "skinning");
+    size_t corner_count = 0, pinned_count = 0;
+    uint32_t *triangles = read_extras(extras, "triangles", &corner_count);
+    uint32_t *pins = read_extras(extras, "pinned", &pinned_count);
+    uint8_t *pinned = calloc(joint_count, 1);
+    for (size_t i = 0; i < pinned_count; ++i) {
+        pinned[pins[i]] = 1;
+    }
+    const bool turns = skinning != NULL && strcmp(skinning->valuestring, "rotation") == 0;
     const pc_deform_arrays arrays = {.vertex_count = *count,
                                      .positions = floats,
+                                     .triangle_count = corner_count / 3,
+                                     .triangles = triangles,
+                                     .skinning =
+                                         turns ? PC_SKINNING_ROTATION : PC_SKINNING_TRANSLATION,
+                                     .pinned = pinned,
                                      .influences = 4 * sets,
                                      .joints = packed_joints,
                                      .weights = packed,
@@ -407,6 +518,9 @@ static pc_deformer *prepare_from_glb(pc_context *context, const glb *g, const cJ
     free(matrices);
     free(floats);
     free(packed_joints);
+    free(triangles);
+    free(pins);
+    free(pinned);
     return deformer;
 }
 
@@ -434,9 +548,10 @@ static float *deform_at(const pc_deformer *deformer, const float *joints) {
 static void deform_is_the_posed_glb(void **state) {
     (void)state;
     pc_context *context = test_context(1);
-    for (uint32_t influences = 4; influences <= 12; influences += 4) {
+    for (uint32_t round = 0; round < 6; ++round) {
         pc_asset asset;
-        fixture_asset(context, influences, &asset);
+        fixture_asset(context, 4 + round % 3 * 4, &asset);
+        asset.skin.skinning = round < 3 ? PC_SKINNING_TRANSLATION : PC_SKINNING_ROTATION;
         assert_ok(context, pc_export_glb(context, &asset, path));
         glb g = read_glb(path);
         const double tolerance = 1e-5 * pci_diagonal(&asset.visual.surface);
@@ -505,9 +620,12 @@ static void refuses_bad_input(void **state) {
     const pc_asset unfinished = {.stage_count = PC_STAGE_SKIN};
     assert_int_equal(pc_deform_prepare_asset(context, &unfinished, &deformer),
                      PC_ERROR_INVALID_ARGUMENT);
-    for (size_t i = 0; i < 8; ++i) {
+    for (size_t i = 0; i < 9; ++i) {
         s->arrays = good;
         switch (i) {
+        case 8:
+            s->arrays.skinning = 2;
+            break;
         case 0:
             s->arrays.vertex_count = 0;
             break;
@@ -606,6 +724,7 @@ int main(void) {
         cmocka_unit_test(kernels_agree_bit_by_bit),
         cmocka_unit_test(rigid_motion_turns_normals),
         cmocka_unit_test(bending_turns_normals),
+        cmocka_unit_test(joints_turn_positions),
         cmocka_unit_test(rings_without_area_do_not_turn),
         cmocka_unit_test(deform_is_the_posed_glb),
         cmocka_unit_test(refuses_bad_input),

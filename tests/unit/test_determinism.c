@@ -1,6 +1,7 @@
 // The same bytes of every file for any number of threads, in every run, and from the kernels of
-// every instruction set.
+// every instruction set, ours and Embree's.
 #define _POSIX_C_SOURCE 200809L
+#include "core/embree.h"
 #include "stages/skin_kernel.h"
 #include "support/files.h"
 #include "support/surfaces.h"
@@ -30,6 +31,34 @@ static bool choose_kernels(size_t index) {
     }
 #endif
     memcpy(kernels, choices[index], sizeof(kernels));
+    return true;
+}
+
+// The same for Embree (embree.c).
+static const char *embree_configuration = "threads=1";
+const char *pci_embree_configuration(void) { return embree_configuration; }
+
+static bool choose_embree(size_t index) {
+    static const char *const configurations[] = {
+        "threads=1,isa=sse2",
+#if defined(__x86_64__)
+        "threads=1,isa=avx2",
+        "threads=1,isa=avx512",
+#endif
+    };
+    if (index >= sizeof(configurations) / sizeof(configurations[0])) {
+        return false;
+    }
+#if defined(__x86_64__)
+    const bool usable[] = {
+        true, __builtin_cpu_supports("avx2") != 0 && __builtin_cpu_supports("fma"),
+        __builtin_cpu_supports("avx512f") != 0 && __builtin_cpu_supports("avx512dq") != 0 &&
+            __builtin_cpu_supports("avx512bw") != 0 && __builtin_cpu_supports("avx512vl") != 0};
+    if (!usable[index]) {
+        return false;
+    }
+#endif
+    embree_configuration = configurations[index];
     return true;
 }
 
@@ -135,10 +164,25 @@ static void instruction_sets_give_the_same_files(void **state) {
     free_results(&first);
 }
 
+static void instruction_sets_of_embree_give_the_same_files(void **state) {
+    (void)state;
+    results first, other;
+    const char *const usual = embree_configuration;
+    make_results(1, &first);
+    for (unsigned i = 0; choose_embree(i); ++i) {
+        make_results(1, &other);
+        assert_same_results("Embree", i, &first, &other);
+        free_results(&other);
+    }
+    embree_configuration = usual;
+    free_results(&first);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(threads_and_reruns_give_the_same_files),
         cmocka_unit_test(instruction_sets_give_the_same_files),
+        cmocka_unit_test(instruction_sets_of_embree_give_the_same_files),
     };
     return cmocka_run_group_tests_name("determinism", tests, NULL, NULL);
 }

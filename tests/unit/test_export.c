@@ -12,16 +12,34 @@
 static char folder[64], path[64], other_path[64];
 
 // Equation (6), from its definition.
-static void equation_6(const pc_asset *asset, size_t vertex, size_t frame, double out[3]) {
+// Where a vertex goes, with the rotations of the frame or NULL.
+static void expected_pose(const pc_asset *asset, size_t vertex, size_t frame,
+                          const double *rotations, double out[3]) {
     const pc_skin *skin = &asset->skin;
-    const double *rest = asset->proxy.positions;
-    const double *moved = &asset->motion.positions[3 * frame * asset->motion.vertex_count];
-    for (size_t k = 0; k < 3; ++k) {
-        out[k] = asset->visual.surface.positions[3 * vertex + k];
-        for (size_t j = 0; j < skin->influences; ++j) {
-            const size_t bone = skin->bones[vertex * skin->influences + j];
+    const size_t np = asset->proxy.vertex_count;
+    const double *rest = asset->proxy.positions, *at = &asset->visual.surface.positions[3 * vertex];
+    const double *moved = &asset->motion.positions[3 * frame * np];
+    memcpy(out, at, 3 * sizeof(double));
+    for (size_t j = 0; j < skin->influences; ++j) {
+        const size_t bone = skin->bones[vertex * skin->influences + j];
+        double arm[3], turned[3];
+        pci_sub(at, &rest[3 * bone], arm);
+        memcpy(turned, arm, sizeof(arm));
+        if (rotations != NULL) { // v + 2 u x (u x v + w v)
+            const double *q = &rotations[4 * (frame * np + bone)];
+            double first[3], second[3];
+            pci_cross(q, arm, first);
+            for (size_t k = 0; k < 3; ++k) {
+                first[k] += q[3] * arm[k];
+            }
+            pci_cross(q, first, second);
+            for (size_t k = 0; k < 3; ++k) {
+                turned[k] += 2.0 * second[k];
+            }
+        }
+        for (size_t k = 0; k < 3; ++k) {
             out[k] += skin->weights[vertex * skin->influences + j] *
-                      (moved[3 * bone + k] - rest[3 * bone + k]);
+                      (moved[3 * bone + k] - rest[3 * bone + k] + turned[k] - arm[k]);
         }
     }
 }
@@ -43,6 +61,14 @@ static double fixture_diagonal(const pc_asset *asset) {
 static void assert_visual_matches(const glb *g, const pc_asset *asset) {
     const double tolerance = 1e-5 * fixture_diagonal(asset);
     const pc_visual *visual = &asset->visual;
+    const pc_motion *motion = &asset->motion;
+    double *rotations = NULL;
+    if (asset->skin.skinning == PC_SKINNING_ROTATION) {
+        pc_context *context = test_context(1);
+        rotations = calloc(4 * motion->frame_count * motion->vertex_count, sizeof(double));
+        assert_ok(context, pc_rotation_estimate_motion(context, &asset->proxy, motion, rotations));
+        pc_context_destroy(context);
+    }
     const cJSON *primitive;
     size_t triangles = 0, used_materials[] = {0, 2}, at = 0;
     cJSON_ArrayForEach(primitive, child(element(g, "meshes", 0), "primitives")) {
@@ -65,7 +91,7 @@ static void assert_visual_matches(const glb *g, const pc_asset *asset) {
                 const size_t corner = visual->corner_triangles[i];
                 double expected[3];
                 assert_true(index < count);
-                equation_6(asset, visual->corner_vertices[corner], frame, expected);
+                expected_pose(asset, visual->corner_vertices[corner], frame, rotations, expected);
                 for (size_t k = 0; k < 3; ++k) {
                     assert_close(posed[3 * index + k], expected[k], tolerance);
                 }
@@ -87,6 +113,7 @@ static void assert_visual_matches(const glb *g, const pc_asset *asset) {
     }
     assert_int_equal(at, 2);
     assert_int_equal(triangles, visual->surface.triangle_count);
+    free(rotations);
 }
 
 // The proxy's own mesh follows the simulated positions exactly, in the proxy's vertex order.
@@ -157,16 +184,21 @@ static void assert_names_are_unique(const glb *g) {
 
 // ---- GLB --------------------------------------------------------------------------------------
 
-static void glb_poses_like_equation_6(void **state) {
+static void glb_poses_like_the_weights_ask(void **state) {
     (void)state;
     static const struct {
         uint32_t influences, sets;
-    } rows[] = {{1, 1}, {3, 1}, {4, 1}, {8, 2}, {12, 3}};
+        pc_skinning skinning;
+    } rows[] = {{1, 1, PC_SKINNING_TRANSLATION},  {3, 1, PC_SKINNING_TRANSLATION},
+                {4, 1, PC_SKINNING_TRANSLATION},  {8, 2, PC_SKINNING_TRANSLATION},
+                {12, 3, PC_SKINNING_TRANSLATION}, {1, 1, PC_SKINNING_ROTATION},
+                {4, 1, PC_SKINNING_ROTATION},     {8, 2, PC_SKINNING_ROTATION}};
     pc_context *context = test_context(1);
     for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); ++i) {
         pc_asset asset;
         fixture_asset(context, rows[i].influences, &asset);
         asset.options.skin.weight_storage = PC_SKIN_WEIGHTS_FLOAT;
+        asset.skin.skinning = rows[i].skinning;
         assert_ok(context, pc_export_glb(context, &asset, path));
         glb g = read_glb(path);
         const cJSON *primitive =
@@ -766,7 +798,7 @@ static int remove_folder(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(glb_poses_like_equation_6),
+        cmocka_unit_test(glb_poses_like_the_weights_ask),
         cmocka_unit_test(glb_grows_its_indices),
         cmocka_unit_test(glb_describes_the_asset),
         cmocka_unit_test(glb_has_unit_normals),

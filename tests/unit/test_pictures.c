@@ -118,7 +118,7 @@ static void shared_vertices_are_lighter(void **state) {
     const float bones[6] = {0.8F, 0.04F, 0.04F, 0.04F, 0.04F, 0.8F};
     uint32_t indices[6] = {0, 1, 0, 1, 0, 1};
     double weights[6] = {1.0, 0.0, 0.7, 0.3, 0.5, 0.5};
-    const pc_skin skin = {3, 2, indices, weights};
+    const pc_skin skin = {3, 2, indices, weights, PC_SKINNING_TRANSLATION};
     float colors[9];
     pci_weight_colors(&skin, bones, colors);
     for (size_t k = 0; k < 3; ++k) {

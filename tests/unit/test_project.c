@@ -420,8 +420,8 @@ static void bad_arguments_leave_the_output_empty(void **state) {
     (void)state;
     pc_context *context = test_context(1);
     pc_mesh box = shape_box(context, 2, 2, 2), projected = {0}, none = {0};
-    static const double cell_sizes[] = {0.0, -1.0, NAN, INFINITY};
-    for (size_t i = 0; i < 4; ++i) {
+    static const double cell_sizes[] = {0.0, -1.0, NAN, INFINITY, 1e-6};
+    for (size_t i = 0; i < 5; ++i) {
         assert_int_equal(pc_project(context, &box, &box, cell_sizes[i], NULL, &projected, NULL),
                          PC_ERROR_INVALID_ARGUMENT);
     }

@@ -460,8 +460,8 @@ static void errors_leave_nothing(void **state) {
     for (size_t k = 0; k < 27; ++k) {
         mesh.positions[k] *= 1e160;
     }
-    assert_int_equal(pc_simulate(context, &mesh, &options, &motion, NULL), PC_ERROR_NUMERICAL);
-    assert_non_null(strstr(pc_context_error(context)->message, "frame 0"));
+    assert_int_equal(pc_simulate(context, &mesh, &options, &motion, NULL),
+                     PC_ERROR_INVALID_ARGUMENT);
     assert_null(motion.positions);
     for (size_t k = 0; k < 27; ++k) {
         mesh.positions[k] /= 1e160;

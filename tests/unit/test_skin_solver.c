@@ -140,13 +140,19 @@ typedef struct solver {
 } solver;
 
 static void open_solver(const char *name, uint32_t frames, uint32_t threads, double follow,
-                        solver *s) {
+                        bool turned, solver *s) {
     load_fixture(name, threads, &s->f);
     memset(&s->motion, 0, sizeof(s->motion));
     memset(&s->followed, 0, sizeof(s->followed));
     make_motion(s->f.context, &s->f.proxy, frames, 1, &s->motion);
     s->f.problem.frame_count = frames;
     s->f.problem.frames = s->motion.positions;
+    if (turned) {
+        s->f.rotations = calloc(4 * s->f.problem.proxy_count * frames, sizeof(double));
+        assert_ok(s->f.context, pc_rotation_estimate_motion(s->f.context, &s->f.proxy, &s->motion,
+                                                            s->f.rotations));
+        s->f.problem.rotations = s->f.rotations;
+    }
     assert_true(
         pci_skin_alternation_build(&s->f.scratch, &s->f.problem, pci_skin_kernel_double(), &s->a));
     assert_ok(s->f.context,
@@ -165,7 +171,7 @@ static void close_solver(solver *s) {
 static void the_matrix_is_that_of_the_losses(void **state) {
     (void)state;
     solver s;
-    open_solver("fedora", 4, 1, 0.7, &s);
+    open_solver("fedora", 4, 1, 0.7, false, &s);
     const pci_skin_problem *p = &s.f.problem;
     const double lambda[4] = {1.0, 0.5, 0.1, 2.0};
     assert_true(pci_skin_alternation_weigh(&s.f.scratch, &s.a, lambda, 0.7));
@@ -202,7 +208,7 @@ static void the_matrix_is_that_of_the_losses(void **state) {
 static void groups_of_one_colour_share_nothing(void **state) {
     (void)state;
     solver s;
-    open_solver("dress796", 2, 1, 1.0, &s);
+    open_solver("dress796", 2, 1, 1.0, false, &s);
     const pci_skin_quadratic *q = &s.a.quadratic;
     const size_t nv = s.f.problem.vertex_count;
     uint32_t *group = calloc(nv, sizeof(uint32_t)), *colour = calloc(nv, sizeof(uint32_t));
@@ -230,18 +236,66 @@ static void groups_of_one_colour_share_nothing(void **state) {
     close_solver(&s);
 }
 
+// x^T G y of two slots, as the quadratic has it.
+static double product_of(const solver *s, size_t i, size_t j) {
+    const pci_skin_problem *p = &s->f.problem;
+    const size_t columns = s->a.frames.data.columns;
+    return pci_skin_gram_product(
+        s->a.levels[PCI_SKIN_ALL].gram, p->proxy_count, columns, p->bones[i], p->bones[j],
+        &s->a.frames.points[i / p->slots * columns], &s->a.frames.points[j / p->slots * columns]);
+}
+
+// Products of displacements, summed over the frames: what one proxy vertex does to one vertex times
+// what another does to another. Of each frame the mean over the proxy is left out, which is that of
+// what it does to the middle of the garment.
+static void the_gram_matrix_is_that_of_the_displacements(void **state) {
+    (void)state;
+    for (size_t turned = 0; turned < 2; ++turned) {
+        solver s;
+        open_solver("tiny", 12, 1, 1.0, turned == 1, &s);
+        const pci_skin_problem *p = &s.f.problem;
+        const size_t count = s.f.count;
+        double *means = calloc(3 * p->frame_count, sizeof(double));
+        for (size_t t = 0; t < p->frame_count; ++t) {
+            for (size_t b = 0; b < p->proxy_count; ++b) {
+                double map[3 * PCI_SKIN_COLUMNS_MAX];
+                pci_skin_bone_map(p, s.a.frames.origin, t, b, map);
+                for (size_t c = 0; c < 3; ++c) {
+                    means[3 * t + c] += map[c] / (double)p->proxy_count;
+                }
+            }
+        }
+        for (size_t i = 0; i < count; i += 7) {
+            for (size_t j = 0; j < count; j += 5) {
+                double sum = 0.0, size = 0.0, u[3], v[3];
+                for (size_t t = 0; t < p->frame_count; ++t) {
+                    displacement_by(&s.f, t, p->bones[i], i / p->slots, u);
+                    displacement_by(&s.f, t, p->bones[j], j / p->slots, v);
+                    pci_sub(u, &means[3 * t], u);
+                    pci_sub(v, &means[3 * t], v);
+                    sum += pci_dot(u, v);
+                    size += pci_norm(u) * pci_norm(v);
+                }
+                assert_close(product_of(&s, i, j), sum, 1e-10 * size);
+            }
+        }
+        free(means);
+        close_solver(&s);
+    }
+}
+
 // Sweeps solve the whole convex program: the gradient H (W - W0) + g0, written out, meets the
 // optimality conditions in every row.
 static void sweeps_reach_the_minimum(void **state) {
-    (void)state;
+    const bool turned = *state != NULL;
     solver s;
-    open_solver("tiny", 12, 1, 1.0, &s);
+    open_solver("tiny", 12, 1, 1.0, turned, &s);
     const pci_skin_problem *p = &s.f.problem;
     const pci_skin_quadratic *q = &s.a.quadratic;
     const size_t slots = p->slots, count = s.f.count;
     double *g0 = calloc(count, sizeof(double)), *w = calloc(count, sizeof(double)), scale = 0.0;
     for (size_t i = 0; i < count; ++i) {
-        const double g = s.a.levels[PCI_SKIN_ALL].gram[p->bones[i] * (p->proxy_count + 1)];
+        const double g = product_of(&s, i, i);
         g0[i] = g * q->values[0] * (pci_random(3, 1, i) - 0.5);
         scale = fabs(g0[i]) > scale ? fabs(g0[i]) : scale;
     }
@@ -256,9 +310,8 @@ static void sweeps_reach_the_minimum(void **state) {
             g[k] = g0[v * slots + k];
             for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
                 for (size_t l = q->columns[e] * slots; l < (q->columns[e] + 1) * slots; ++l) {
-                    g[k] += q->values[e] * (w[l] - s.f.weights[l]) *
-                            s.a.levels[PCI_SKIN_ALL]
-                                .gram[p->proxy_count * p->bones[v * slots + k] + p->bones[l]];
+                    g[k] +=
+                        q->values[e] * (w[l] - s.f.weights[l]) * product_of(&s, v * slots + k, l);
                 }
             }
             lowest = g[k] < lowest ? g[k] : lowest;
@@ -293,7 +346,7 @@ static void reaches_the_loss_of_adamw(void **state) {
     (void)state;
     for (size_t i = 0; i < 2; ++i) {
         solver s;
-        open_solver(moving_names[i], 48, 1, 0.0, &s);
+        open_solver(moving_names[i], 48, 1, 0.0, false, &s);
         const fixture *f = &s.f;
         double *adamw = calloc(f->count, sizeof(double)), *ours = calloc(f->count, sizeof(double));
         double *surrogate = calloc(f->count, sizeof(double));
@@ -334,7 +387,7 @@ static void reaches_the_loss_of_adamw(void **state) {
 static void a_sample_of_the_frames_leads_to_the_same_loss(void **state) {
     (void)state;
     solver s;
-    open_solver("dress796", 120, 1, 0.5, &s);
+    open_solver("dress796", 120, 1, 0.5, false, &s);
     const fixture *f = &s.f;
     double *sampled = calloc(f->count, sizeof(double)), *full = calloc(f->count, sizeof(double));
     memcpy(sampled, f->weights, f->count * sizeof(double));
@@ -354,9 +407,9 @@ static void a_sample_of_the_frames_leads_to_the_same_loss(void **state) {
 // Where it stops nothing can be gained: no weight can move along the simplex and lower the loss
 // with its rotations, L_f included.
 static void stops_at_a_stationary_point(void **state) {
-    (void)state;
+    const bool turned = *state != NULL;
     solver s;
-    open_solver("tiny", 24, 1, 0.5, &s);
+    open_solver("tiny", 24, 1, 0.5, turned, &s);
     const fixture *f = &s.f;
     const pci_skin_problem *p = &f->problem;
     double *w = calloc(f->count, sizeof(double)), *g = calloc(f->count, sizeof(double));
@@ -372,23 +425,23 @@ static void stops_at_a_stationary_point(void **state) {
                   pci_skin_gradient(f->context, p, pci_skin_kernel_double(), weights, scale, g));
         for (size_t v = 0; v < p->vertex_count; ++v) {
             double lowest = INFINITY, gap = 0.0;
-            for (size_t k = v * p->slots; k < (v + 1) * p->slots; ++k) {
-                // dL_f / dw, frame by frame.
-                for (size_t t = 0; t < 3 * p->frame_count; ++t) {
-                    const double *frame = &p->frames[3 * p->proxy_count * (t / 3)];
-                    const size_t c = t % 3;
-                    double error = 0.0;
-                    for (size_t l = v * p->slots; l < (v + 1) * p->slots; ++l) {
-                        const size_t at = 3 * (size_t)p->bones[l] + c;
-                        error += weights[l] * (frame[at] - p->proxy_rest[at]);
+            // dL_f / dw, frame by frame.
+            for (size_t t = 0; t < p->frame_count; ++t) {
+                double error[3] = {0.0}, u[3];
+                for (size_t l = 0; l < p->slots + 3; ++l) {
+                    const bool own = l < p->slots;
+                    const size_t at = own ? v * p->slots + l : 3 * v + l - p->slots;
+                    displacement_by(f, t, own ? p->bones[at] : s.followed.bones[at], v, u);
+                    for (size_t c = 0; c < 3; ++c) {
+                        error[c] += (own ? weights[at] : -s.followed.weights[at]) * u[c];
                     }
-                    for (size_t l = 0; l < 3; ++l) {
-                        const size_t at = 3 * (size_t)s.followed.bones[3 * v + l] + c;
-                        error -= s.followed.weights[3 * v + l] * (frame[at] - p->proxy_rest[at]);
-                    }
-                    const size_t at = 3 * (size_t)p->bones[k] + c;
-                    g[k] += 2.0 * s.a.follow[v] * error * (frame[at] - p->proxy_rest[at]);
                 }
+                for (size_t k = v * p->slots; k < (v + 1) * p->slots; ++k) {
+                    displacement_by(f, t, p->bones[k], v, u);
+                    g[k] += 2.0 * s.a.follow[v] * pci_dot(error, u);
+                }
+            }
+            for (size_t k = v * p->slots; k < (v + 1) * p->slots; ++k) {
                 lowest = g[k] < lowest ? g[k] : lowest;
             }
             for (size_t k = v * p->slots; k < (v + 1) * p->slots; ++k) {
@@ -407,7 +460,7 @@ static void stops_at_a_stationary_point(void **state) {
 static void pruning_beats_cutting(void **state) {
     (void)state;
     solver s;
-    open_solver("dress796", 32, 1, 0.0, &s);
+    open_solver("dress796", 32, 1, 0.0, false, &s);
     const fixture *f = &s.f;
     const size_t slots = f->problem.slots;
     double *w = calloc(f->count, sizeof(double)), *cut = calloc(f->count, sizeof(double));
@@ -476,8 +529,8 @@ static double motion_ratio(const fixture *f, double lambda_follow) {
     size_t held = 0;
     for (size_t t = 0; t < unseen.frame_count; ++t) {
         const double *frame = &unseen.positions[3 * f->proxy.vertex_count * t];
-        pc_skin_deform(&skin, f->visual.positions, f->proxy.positions, frame, ours);
-        pc_skin_deform(&closest, f->visual.positions, f->proxy.positions, frame, theirs);
+        pc_skin_deform(&skin, f->visual.positions, f->proxy.positions, frame, NULL, ours);
+        pc_skin_deform(&closest, f->visual.positions, f->proxy.positions, frame, NULL, theirs);
         for (size_t v = 0; v < nv; ++v) {
             const double *rest = &f->visual.positions[3 * v];
             const double distance = sqrt(pci_squared_distance(&ours[3 * v], rest));
@@ -515,15 +568,19 @@ static void follows_the_proxy(void **state) {
 }
 
 int main(void) {
+    static bool turned = true;
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(programs_meet_the_optimality_conditions),
         cmocka_unit_test(the_cheapest_slot_goes),
         cmocka_unit_test(the_matrix_is_that_of_the_losses),
         cmocka_unit_test(groups_of_one_colour_share_nothing),
+        cmocka_unit_test(the_gram_matrix_is_that_of_the_displacements),
         cmocka_unit_test(sweeps_reach_the_minimum),
+        {"sweeps_reach_the_minimum, turned", sweeps_reach_the_minimum, NULL, NULL, &turned},
         cmocka_unit_test(reaches_the_loss_of_adamw),
         cmocka_unit_test(a_sample_of_the_frames_leads_to_the_same_loss),
         cmocka_unit_test(stops_at_a_stationary_point),
+        {"stops_at_a_stationary_point, turned", stops_at_a_stationary_point, NULL, NULL, &turned},
         cmocka_unit_test(pruning_beats_cutting),
         cmocka_unit_test(follows_the_proxy),
     };

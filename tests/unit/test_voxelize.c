@@ -491,6 +491,10 @@ static void bad_input_is_refused(void **state) {
     assert_int_equal(pc_voxelize(context, &mesh, NULL, &grid, NULL), PC_ERROR_INVALID_ARGUMENT);
     assert_empty(&grid);
     mesh.positions[4] = 0.0;
+    const uint32_t corner = mesh.triangles[4];
+    mesh.triangles[4] = (uint32_t)mesh.vertex_count;
+    assert_int_equal(pc_voxelize(context, &mesh, NULL, &grid, NULL), PC_ERROR_INVALID_ARGUMENT);
+    mesh.triangles[4] = corner;
     assert_ok(context, pc_voxelize(context, &mesh, NULL, &grid, NULL));
     assert_int_equal(pc_voxelize(context, &mesh, NULL, &grid, NULL), PC_ERROR_INVALID_ARGUMENT);
     pc_grid_free(context, &grid);

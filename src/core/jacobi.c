@@ -1,5 +1,5 @@
 // Based on: Horn, "Closed-form solution of absolute orientation using unit quaternions", 1987.
-#include "stages/skin_kernel.h"
+#include "core/rotation.h"
 
 // Annihilates m[p][q] of a symmetric matrix and accumulates the eigenvectors in the columns of v.
 static void rotate(double m[4][4], double v[4][4], size_t p, size_t q) {

@@ -119,9 +119,10 @@ int cli_run_evaluate(const cli_command *command, cli_arguments *arguments) {
                         command->name, command->operands);
     }
     cli_catch_signals();
-    eval_side *sides = calloc(2, sizeof(*sides));
+    eval_side sides[2];
     pc_context *context = NULL;
-    int code = sides != NULL ? CLI_OK : cli_fail(command->name, CLI_LIMIT, "memory ran out");
+    int code = CLI_OK;
+    memset(sides, 0, sizeof(sides));
     for (size_t i = 0; i < 2 && code == CLI_OK; ++i) {
         code = import_side(command, arguments, i, &sides[i]);
     }
@@ -131,7 +132,7 @@ int cli_run_evaluate(const cli_command *command, cli_arguments *arguments) {
     if (code == CLI_OK) {
         code = evaluate(command, arguments, context, sides);
     }
-    for (size_t i = 0; i < 2 && sides != NULL; ++i) {
+    for (size_t i = 0; i < 2; ++i) {
         if (context != NULL) {
             pc_asset_free(context, &sides[i].asset);
         }
@@ -139,6 +140,5 @@ int cli_run_evaluate(const cli_command *command, cli_arguments *arguments) {
         scene_free(&sides[i].scene);
     }
     pc_context_destroy(context);
-    free(sides);
     return code;
 }

@@ -24,6 +24,7 @@ static const struct {
     {"libembree3", NULL},
     {"libhdf5_serial", NULL},
     {"libpng16", NULL},
+    {"libz", NULL},
     {"linux-vdso", NULL},
     {"ld-linux-x86-64", NULL}, // glibc
     {"libc", NULL},
@@ -63,7 +64,6 @@ static const struct {
     {"libtasn1", "LGPL-2.1-or-later"},
     {"libtbb", "Apache-2.0"},
     {"libunistring", "LGPL-3.0-or-later OR GPL-2.0-or-later"},
-    {"libz", "Zlib"},
     {"libzstd", "BSD-3-Clause OR GPL-2.0-only"},
 };
 

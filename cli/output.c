@@ -197,15 +197,16 @@ char *cli_output_add(cli_output *output, const char *stem, const char *extension
 
 // Whatever could refuse a rename is looked at before the first one, so that a set is replaced as a
 // whole or stays as it was.
-static int check_target(const cli_command *command, const char *path) {
+static int check_target(const cli_command *command, const char *from, const char *to) {
     struct stat target;
-    if (lstat(path, &target) != 0 || S_ISREG(target.st_mode) || S_ISLNK(target.st_mode)) {
+    (void)from;
+    if (lstat(to, &target) != 0 || S_ISREG(target.st_mode) || S_ISLNK(target.st_mode)) {
         return CLI_OK;
     }
     return cli_fail(command->name, CLI_OUTPUT,
                     "%s: %s is in the way of a result; move it away, or choose another folder "
                     "with -o",
-                    path, S_ISDIR(target.st_mode) ? "a folder" : "something that is no file");
+                    to, S_ISDIR(target.st_mode) ? "a folder" : "something that is no file");
 }
 
 // Each rename is atomic. After one that fails nothing is taken back: a file is the new one or the
@@ -220,30 +221,32 @@ static int move_to_place(const cli_command *command, const char *from, const cha
                     to, strerror(errno));
 }
 
-int cli_output_commit(const cli_command *command, cli_output *output) {
+// Calls `step` for every file with its path in the staging folder and in its place.
+static int for_each_file(const cli_command *command, const cli_output *output,
+                         int (*step)(const cli_command *command, const char *from,
+                                     const char *to)) {
     int code = CLI_OK;
-    for (size_t i = 0; i < 2 * output->name_count && code == CLI_OK; ++i) {
-        const char *name = output->names[i % output->name_count];
-        char *from = join(output->staging, name, "");
-        char *to = join(output->folder, name, "");
-        if (from == NULL || to == NULL) {
-            code = cli_fail(command->name, CLI_LIMIT, "memory ran out");
-        } else if (i < output->name_count) {
-            code = check_target(command, to);
-        } else {
-            code = move_to_place(command, from, to);
-        }
+    for (size_t i = 0; i < output->name_count && code == CLI_OK; ++i) {
+        char *from = join(output->staging, output->names[i], "");
+        char *to = join(output->folder, output->names[i], "");
+        code = from != NULL && to != NULL ? step(command, from, to)
+                                          : cli_fail(command->name, CLI_LIMIT, "memory ran out");
         free(from);
         free(to);
     }
     return code;
 }
 
+int cli_output_commit(const cli_command *command, cli_output *output) {
+    const int code = for_each_file(command, output, check_target);
+    return code == CLI_OK ? for_each_file(command, output, move_to_place) : code;
+}
+
 void cli_output_end(cli_output *output) {
     const int lock = output->staging != NULL ? output->lock : -1;
     cli_abandon(NULL);
     for (size_t i = 0; i < output->name_count; ++i) {
-        char *path = join(output->staging, output->names[i], "");
+        char *path = output->staging != NULL ? join(output->staging, output->names[i], "") : NULL;
         if (path != NULL) {
             (void)unlink(path);
         }

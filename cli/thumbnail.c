@@ -28,7 +28,8 @@ static void shrink(const uint8_t *source, size_t source_width, size_t source_hei
                 }
             }
             for (size_t c = 0; c < CHANNELS; ++c) {
-                const size_t mean = sum[c] / count, level = (mean + STEP / 2) / STEP * STEP;
+                const size_t mean = sum[c] / (count > 0 ? count : 1);
+                const size_t level = (mean + STEP / 2) / STEP * STEP;
                 target[CHANNELS * (y * width + x) + c] = (uint8_t)(level < 255 ? level : 255);
             }
         }

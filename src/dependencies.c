@@ -5,6 +5,7 @@
 #include <hdf5.h>
 #include <png.h>
 #include <stdio.h>
+#include <zlib.h>
 
 #include "proxycloth/base.h"
 
@@ -23,6 +24,7 @@ bool pc_dependency_at(size_t index, pc_dependency *dependency) {
         {"embree", RTC_VERSION_STRING, "Apache-2.0"},
         {"hdf5", hdf5, "BSD-3-Clause"},
         {"libpng", png_get_libpng_ver(NULL), "libpng-2.0"},
+        {"zlib", zlibVersion(), "Zlib"},
         {"cxsparse", DOTTED(CS_VER, CS_SUBVER, CS_SUBSUB), "LGPL-2.1-or-later"},
         {"cjson", cJSON_Version(), "MIT"},
     };

@@ -106,6 +106,9 @@ static bool sew_pieces(pci_scratch *scratch, const pc_mesh *mesh, uint32_t *pare
     if (lengths == NULL || !find_border(scratch, mesh, reach, parents, &bits, &middles)) {
         return false;
     }
+    if (bits == NULL) {
+        return true; // nothing has a border
+    }
     for (uint32_t i = 0; i < middles.point_count; ++i) {
         uint32_t near[most_near];
         double squares[most_near];
@@ -118,9 +121,7 @@ static bool sew_pieces(pci_scratch *scratch, const pc_mesh *mesh, uint32_t *pare
             }
         }
     }
-    if (middles.point_count > 1) {
-        qsort(bits, middles.point_count, sizeof(*bits), compare_bits);
-    }
+    qsort(bits, middles.point_count, sizeof(*bits), compare_bits);
     double along = 0.0;
     for (size_t i = 0; i < middles.point_count; ++i) {
         const border_bit *e = &bits[i];

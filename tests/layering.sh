@@ -15,7 +15,7 @@ forbid() {
         bad=1
     fi
 }
-third='embree|assimp|hdf5|H5|png|cs\.h|suitesparse|cjson|omp\.h'
+third='embree|assimp|hdf5|H5|png|zlib|cs\.h|suitesparse|cjson|omp\.h'
 forbid 'public headers name a third party' "$third|core/|stages/|io/" include/proxycloth/*.h
 forbid 'core includes a stage, io or the pipeline' \
     'stages/|io/|asset\.h|proxycloth/(voxelize|isosurface|project|graph|label|carve|simplify|simulate|skin)\.h' \

@@ -9,7 +9,7 @@
 #include "proxycloth/mesh.h"
 
 enum {
-    PCI_LAMPS = 48,
+    PCI_LAMPS = 32,
     PCI_LAMP_GROUP = 8,    // lamps that one thread looks through; divides PCI_LAMPS
     PCI_SHADOW_SIDE = 144, // texels of a depth map, which spans the model's unit sphere
     PCI_NEAREST = 65535    // depth at the side of the lamp; 0 is at the other one

@@ -292,10 +292,9 @@ static bool same_light(const drawing *d, const fragment *f, uint32_t triangle, f
                                            &d->model->normals[9 * (size_t)triangle]) >= 0.95F);
 }
 
-// Adds a sample, at (x, y), to what has the same light in a pixel whose fragments start at `first`.
-static void light_sample(const drawing *d, band *b, size_t first, uint32_t pixel, uint32_t triangle,
-                         size_t sample, double x, double y) {
-    const float depth = b->samples.depths[sample];
+// The fragment with the light of a sample, at (x, y), of a pixel whose fragments start at `first`.
+static size_t fragment_of(const drawing *d, band *b, size_t first, uint32_t pixel,
+                          uint32_t triangle, float depth, double x, double y) {
     size_t i = first;
     while (i < b->points.count && !same_light(d, &b->fragments[i], triangle, depth)) {
         ++i;
@@ -303,29 +302,36 @@ static void light_sample(const drawing *d, band *b, size_t first, uint32_t pixel
     if (i == b->points.count) {
         add_fragment(d, b, pixel, triangle, depth, x, y);
     }
-    ++b->fragments[i].samples;
+    return i;
 }
 
-static void look_through_pixel(const drawing *d, band *b, size_t column, size_t row) {
+static void look_through_pixel(const drawing *d, band *b, uint32_t column, uint32_t row) {
     // Light is taken where the first of them is, in the middle.
-    static const uint8_t order[SAMPLES * SAMPLES] = {4, 0, 1, 2, 3, 5, 6, 7, 8};
-    const uint32_t pixel = (uint32_t)(row * d->size + column);
-    const size_t first = b->points.count, corner = SAMPLES * (row * b->samples.width + column);
-    unsigned covered = 0, on_edges = 0;
+    static const uint8_t across[SAMPLES * SAMPLES] = {1, 0, 1, 2, 0, 2, 0, 1, 2};
+    static const uint8_t down[SAMPLES * SAMPLES] = {1, 0, 0, 0, 1, 1, 2, 2, 2};
+    const size_t width = b->samples.width, corner = SAMPLES * (row * width + column);
+    const double left = (double)(SAMPLES * column) + 0.5;
+    const double top = (double)(b->samples.first_row + SAMPLES * row) + 0.5;
+    const size_t pixel = row * d->size + column, first = b->points.count;
+    uint32_t covered = 0, on_edges = 0, last = PC_INVALID_INDEX;
+    size_t i = 0; // fragment of the last triangle
     for (size_t k = 0; k < SAMPLES * SAMPLES; ++k) {
-        const size_t across = order[k] % SAMPLES, down = order[k] / SAMPLES;
-        const size_t sample = corner + down * b->samples.width + across;
+        const size_t sample = corner + down[k] * width + across[k];
         const uint32_t triangle = b->samples.triangles[sample];
         if (triangle == PC_INVALID_INDEX) {
             continue;
         }
         ++covered;
-        const double x = (double)(uint32_t)(SAMPLES * column + across) + 0.5;
-        const double y = (double)(uint32_t)(b->samples.first_row + SAMPLES * row + down) + 0.5;
+        const double x = left + (double)across[k], y = top + (double)down[k];
         if (d->style != PCI_STYLE_SURFACE && on_edge(gauge_of(d, b, triangle), x, y)) {
             ++on_edges;
         } else if (d->style != PCI_STYLE_EDGES_ON_TOP) {
-            light_sample(d, b, first, pixel, triangle, sample, x, y);
+            if (triangle != last) {
+                i = fragment_of(d, b, first, (uint32_t)pixel, triangle, b->samples.depths[sample],
+                                x, y);
+                last = triangle;
+            }
+            ++b->fragments[i].samples;
         }
     }
     b->covered[pixel] = (uint8_t)covered;
@@ -363,6 +369,16 @@ static void color_of(const drawing *d, const float *colors, const fragment *f, f
     }
 }
 
+static void add_light(const drawing *d, const float *colors, const fragment *f, float light,
+                      float sum[3]) {
+    float color[3];
+    color_of(d, colors, f, color);
+    for (size_t k = 0; k < 3; ++k) {
+        const float value = color[k] * light;
+        sum[k] += (float)f->samples * (value < 1.0F ? value : 1.0F);
+    }
+}
+
 static void paint_pixel(const drawing *d, const band *b, size_t i, const float sum[3],
                         uint8_t *pixel) {
     const float share = 1.0F / (SAMPLES * SAMPLES), on_edges = (float)b->on_edges[i];
@@ -385,24 +401,20 @@ static void paint_band(const drawing *d, const band *b, const pci_picture *pictu
     const pci_image *image = d->renderer->image;
     const size_t left = b->samples.left / SAMPLES, right = b->samples.right / SAMPLES;
     size_t next = 0;
-    for (size_t k = 0; k < row_count * (right - left); ++k) {
-        const size_t row = k / (right - left), column = left + k % (right - left);
-        const size_t i = row * d->size + column;
-        if (b->covered[i] == 0 || (d->style == PCI_STYLE_EDGES_ON_TOP && b->on_edges[i] == 0)) {
-            continue;
-        }
-        float sum[3] = {0.0F, 0.0F, 0.0F};
-        for (; next < b->points.count && b->fragments[next].pixel == i; ++next) {
-            const fragment *f = &b->fragments[next];
-            float color[3];
-            color_of(d, picture->colors, f, color);
-            for (size_t c = 0; c < 3; ++c) {
-                const float value = color[c] * b->points.light[next];
-                sum[c] += (float)f->samples * (value < 1.0F ? value : 1.0F);
+    for (size_t row = 0; row < row_count; ++row) {
+        const size_t y = picture->tile.y + first_row + row;
+        for (size_t column = left; column < right; ++column) {
+            const size_t i = row * d->size + column;
+            if (b->covered[i] == 0 || (d->style == PCI_STYLE_EDGES_ON_TOP && b->on_edges[i] == 0)) {
+                continue;
             }
+            float sum[3] = {0.0F, 0.0F, 0.0F};
+            for (; next < b->points.count && b->fragments[next].pixel == i; ++next) {
+                add_light(d, picture->colors, &b->fragments[next], b->points.light[next], sum);
+            }
+            paint_pixel(d, b, i, sum,
+                        &image->pixels[3 * (y * image->width + picture->tile.x + column)]);
         }
-        const size_t x = picture->tile.x + column, y = picture->tile.y + first_row + row;
-        paint_pixel(d, b, i, sum, &image->pixels[3 * (y * image->width + x)]);
     }
 }
 
@@ -420,8 +432,9 @@ static void draw_bands(void *user, size_t begin, size_t end, uint32_t worker) {
         b->points.count = 0;
         b->gauge.triangle = PC_INVALID_INDEX;
         rasterize_band(d, i, b);
-        for (size_t row = 0; row < rows; ++row) {
-            for (size_t column = d->band_columns[i][0]; column < d->band_columns[i][1]; ++column) {
+        for (uint32_t row = 0; row < rows; ++row) {
+            for (uint32_t column = d->band_columns[i][0]; column < d->band_columns[i][1];
+                 ++column) {
                 look_through_pixel(d, b, column, row);
             }
         }

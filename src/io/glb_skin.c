@@ -203,7 +203,7 @@ static bool rest_of(const double m[16], double rest[3]) {
 static pc_status match_joints(reader *r, const pci_knn *proxy, const cJSON *skin,
                               uint32_t **vertices, size_t *count) {
     const cJSON *joints = cJSON_GetObjectItemCaseSensitive(skin, "joints");
-    accessor matrices;
+    accessor matrices = {0};
     const pc_status status =
         open_accessor(r, get_count(skin, "inverseBindMatrices", SIZE_MAX), "MAT4", 16, &matrices);
     if (status != PC_OK) {
@@ -316,8 +316,8 @@ static pc_status add_primitive(reader *r, const cJSON *primitive, const uint32_t
     if (!cJSON_HasObjectItem(attributes, "JOINTS_0")) {
         return PC_OK;
     }
-    accessor positions;
-    influence_sets sets;
+    accessor positions = {0};
+    influence_sets sets = {0};
     pc_status status =
         open_accessor(r, get_count(attributes, "POSITION", SIZE_MAX), "VEC3", 3, &positions);
     if (status == PC_OK && positions.type != 5126) {

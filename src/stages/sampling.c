@@ -133,14 +133,15 @@ static bool sample(pci_scratch *scratch, const pc_mesh *layer, size_t vertices,
     refinement r = {.scratch = &inner, .mesh = &refined};
     pc_mesh sorted = {0};
     uint32_t *order = NULL;
-    bool done = pci_halfedge_build(&inner, layer, &refined) &&
+    bool done = pci_halfedge_build(&inner, layer, &refined) && pci_keep_going(scratch->context) &&
                 refine(&r, samples_per_cluster * vertices, INFINITY) &&
-                (density == NULL || refine_to_map(&r, density, vertices));
+                (density == NULL || refine_to_map(&r, density, vertices)) &&
+                pci_keep_going(scratch->context);
     if (done) {
         const pc_mesh unsorted = {refined.vertex_count, refined.positions, refined.triangle_count,
                                   refined.corners};
         done = pci_sort_mesh(&inner, &unsorted, &sorted, &order) &&
-               pci_halfedge_build(scratch, &sorted, &s->mesh);
+               pci_keep_going(scratch->context) && pci_halfedge_build(scratch, &sorted, &s->mesh);
     }
     if (done && density != NULL) {
         s->densities = PCI_SCRATCH(scratch, double, sorted.vertex_count);
@@ -150,7 +151,7 @@ static bool sample(pci_scratch *scratch, const pc_mesh *layer, size_t vertices,
         }
     }
     pci_scratch_end(&inner);
-    return done;
+    return done && pci_keep_going(scratch->context);
 }
 
 bool pci_sampling_begin(pci_scratch *scratch, const pc_mesh *layer, size_t vertices,

@@ -114,10 +114,13 @@ static bool drop_unaffordable(pci_scratch *scratch, pc_mesh *layer, size_t verti
                               uint64_t *dropped) {
     pci_topology topology;
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
-    if (component == NULL || !pci_topology_build(scratch, layer, &topology)) {
+    if (component == NULL || !pci_topology_build_watched(scratch, layer, &topology)) {
         return false;
     }
     const size_t count = pci_triangle_components(scratch, layer, &topology, component);
+    if (!pci_keep_going(scratch->context)) {
+        return false;
+    }
     part *parts = PCI_SCRATCH(scratch, part, count);
     uint8_t *drop = PCI_SCRATCH(scratch, uint8_t, count);
     uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
@@ -233,6 +236,9 @@ static bool relax_and_fit(pci_scratch *scratch, const pci_sampling *s, pci_halfe
         return false;
     }
     for (size_t pass = 0; pass < relax_passes && pci_relax_pass(&relaxation) > 0; ++pass) {
+        if (!pci_keep_going(scratch->context)) {
+            return false;
+        }
     }
     // A corner that leaves no room for good triangles is given up.
     for (uint32_t v = 0; v < coarse->vertex_count; ++v) {

@@ -2,13 +2,17 @@
 //
 //   E(W) = E(W0) + <g0, W - W0> + 1/2 sum (w - w0)_ib H_ib,jc (w - w0)_jc,
 //   H_ib,jc = M_ij x^_i^T G[B_ib, B_jc] x^_j
-// with M = 2 (weighted Laplacians of L_r and L_c + K^T K of L_a + diagonal of L_t), and x^ and A of
-// skin_driver.h: G[b, c] = sum A_b^T A_c over all frames. With one column G is the Gram matrix of
-// the displacements of the proxy, and x^ = 1.
+// with M = 2 (weighted Laplacians of L_r, L_c and L_s + K^T K of L_a + diagonal of L_t), and x^ and
+// A of skin_driver.h: G[b, c] = sum A_b^T A_c over all frames. With one column G is the Gram matrix
+// of the displacements of the proxy, and x^ = 1.
 #ifndef PCI_SKIN_QUADRATIC_H
 #define PCI_SKIN_QUADRATIC_H
 
 #include "stages/skin_driver.h"
+
+// Of the Laplacian of L_s: it resists along an edge, one direction of three. As much in all of them
+// would bound the energy, but make the steps short.
+extern const double pci_skin_stretch_share;
 
 // What the vertices of one group need, close together in memory.
 typedef struct pci_skin_group {

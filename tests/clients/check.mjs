@@ -153,7 +153,7 @@ animation/optimizer/enabled=false
 `);
   const run = (...words) => spawnSync('xvfb-run', ['-a', 'godot3', '--path', project, ...words,
     '--audio-driver', 'Dummy', '--video-driver', 'GLES2'],
-    { encoding: 'utf8', timeout: 300e3, env: { ...process.env, HOME: project } });
+    { encoding: 'utf8', timeout: 1200e3, env: { ...process.env, HOME: project } });
   run('--editor', '--quit');
   return run('-s', 'check_godot.gd');
 }

@@ -45,7 +45,7 @@ fi
 
 # Every library is listed with version and licence.
 "$scratch/prefix/bin/proxycloth" --version --licences >"$scratch/licences"
-for name in proxycloth embree hdf5 libpng cxsparse cjson assimp glibc libtbb libsz libz; do
+for name in proxycloth embree hdf5 libpng zlib cxsparse cjson assimp glibc libtbb libsz; do
     grep -Eq "^$name +[0-9][0-9.]* +[A-Za-z]" "$scratch/licences" || {
         echo "--licences does not list $name" >&2
         cat "$scratch/licences" >&2

@@ -295,6 +295,38 @@ static void draws_the_same_with_every_kernel(void **state) {
     pc_context_destroy(context);
 }
 
+// ---- files ------------------------------------------------------------------------------------
+
+static void writes_images_of_any_size(void **state) {
+    (void)state;
+    pc_context *contexts[2] = {test_context(1), test_context(3)};
+    // One pixel; a few pieces; more than one round of them; rows longer than a piece.
+    static const size_t sizes[4][2] = {{1, 1}, {333, 1000}, {3000, 2000}, {90000, 3}};
+    for (size_t i = 0; i < 4; ++i) {
+        pci_image image = new_image(sizes[i][0], sizes[i][1]);
+        for (size_t k = 0; k < 3 * image.width * image.height; ++k) {
+            image.pixels[k] = (uint8_t)(k % 7 == 0 ? k / 7 : k / 1000);
+        }
+        const char *paths[2] = {sheet_path, other_path};
+        for (size_t c = 0; c < 2; ++c) {
+            assert_ok(contexts[c], pci_write_png(contexts[c], "export", &image, paths[c]));
+        }
+        pci_image read = read_png(sheet_path);
+        assert_int_equal(read.width, image.width);
+        assert_int_equal(read.height, image.height);
+        assert_memory_equal(read.pixels, image.pixels, 3 * image.width * image.height);
+        bytes one = read_bytes(sheet_path), three = read_bytes(other_path);
+        assert_int_equal(one.size, three.size);
+        assert_memory_equal(one.data, three.data, one.size);
+        free(one.data);
+        free(three.data);
+        free(read.pixels);
+        free(image.pixels);
+    }
+    pc_context_destroy(contexts[0]);
+    pc_context_destroy(contexts[1]);
+}
+
 // ---- lettering --------------------------------------------------------------------------------
 
 static void writes_text(void **state) {
@@ -587,6 +619,7 @@ int main(void) {
         cmocka_unit_test(darkens_what_is_enclosed),
         cmocka_unit_test(survives_useless_triangles),
         cmocka_unit_test(draws_the_same_with_every_kernel),
+        cmocka_unit_test(writes_images_of_any_size),
         cmocka_unit_test(writes_text),
         cmocka_unit_test(gives_every_character_another_shape),
         cmocka_unit_test(lays_out_the_stages),

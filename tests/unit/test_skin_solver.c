@@ -191,7 +191,8 @@ static void the_matrix_is_that_of_the_losses(void **state) {
             }
             double attached = u[v];
             for (size_t e = p->ring_offsets[v]; e < p->ring_offsets[v + 1]; ++e) {
-                direct += (scale[0] + scale[3]) * (u[v] - u[p->ring[e]]) * (u[v] - u[p->ring[e]]);
+                direct += (scale[0] + pci_skin_stretch_share * scale[3]) * (u[v] - u[p->ring[e]]) *
+                          (u[v] - u[p->ring[e]]);
             }
             for (size_t e = v * p->near_count; e < (v + 1) * p->near_count; ++e) {
                 direct += scale[1] * (u[v] - u[p->near[e]]) * (u[v] - u[p->near[e]]);

@@ -351,6 +351,7 @@ pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_
         balance(f, &measures);
     }
     start_from_followed(f);
+    pc_skin_free(f->context, &f->followed); // before memory peaks
     hold_pinned(f, a.allowed);
     normalize_rows(f);
     if (status == PC_OK) {

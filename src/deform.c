@@ -276,8 +276,9 @@ static inline const float *joint_at(const float *joints, size_t stride, size_t j
     return (const float *)(const void *)((const char *)joints + joint * stride);
 }
 
-static void put_columns(void *user, size_t joint, const double rotation[9]) {
-    float *maps = user, *columns = &maps[16 * joint];
+// Columns of the rotation, then zeros.
+static void put_columns(void *result, const double rotation[9]) {
+    float *columns = result;
     for (size_t k = 0; k < 3; ++k) {
         columns[4 * k] = (float)rotation[k];
         columns[4 * k + 1] = (float)rotation[3 + k];
@@ -285,6 +286,12 @@ static void put_columns(void *user, size_t joint, const double rotation[9]) {
         columns[4 * k + 3] = 0.0F;
     }
     columns[12] = columns[13] = columns[14] = columns[15] = 0.0F;
+}
+
+static void put_turned(void *result, const double quaternion[4]) {
+    double rotation[9];
+    pci_matrix_of_quaternion(quaternion, rotation);
+    put_columns(result, rotation);
 }
 
 // The last column of each map: where the joint takes the origin.
@@ -319,18 +326,18 @@ void pc_deform_pose_rotated(const pc_deformer *deformer, const float *joints, si
     if (deformer->estimator == NULL) {
         return;
     }
-    if (rotations == NULL) {
-        const pci_points points = {joints, stride, true};
-        pci_rotation_estimate(deformer->estimator, &points, (double *)(void *)parts.maps, 8,
-                              put_columns, parts.maps);
+    const pci_points points = {joints, stride, true};
+    const size_t map_stride = 16 * sizeof(float);
+    if (rotations == NULL && deformer->affine) {
+        pci_rotation_estimate(deformer->estimator, &points, put_turned, parts.maps, map_stride);
+    } else if (rotations == NULL) {
+        pci_rotation_of_rings(deformer->estimator, &points, put_columns, parts.maps, map_stride);
     }
     for (size_t j = 0; j < deformer->joint_count && rotations != NULL; ++j) {
         const float *given = joint_at(rotations, rotation_stride, j);
         const double q[4] = {(double)given[0], (double)given[1], (double)given[2],
                              (double)given[3]};
-        double r[9];
-        pci_matrix_of_quaternion(q, r);
-        put_columns(parts.maps, j, r);
+        put_turned(&parts.maps[16 * j], q);
     }
     if (deformer->affine) {
         put_origins(deformer, joints, stride, parts.maps);

@@ -10,7 +10,7 @@
 ///     if (pc_deform_prepare(context, &arrays, &deformer) != PC_OK) return;
 ///     void *pose = malloc(pc_deform_pose_size(deformer));    // one per instance of the garment
 ///
-///     pc_deform_pose(deformer, joints, 0, pose);             // every frame, about 8 us
+///     pc_deform_pose(deformer, joints, 0, pose);             // every frame, 9 to 18 us
 ///     const pc_deform_output out = {.positions = vertex_buffer, .position_stride = 32,
 ///                                   .normals = vertex_buffer + 3, .normal_stride = 32};
 ///     pc_deform(deformer, pose, 0, vertex_count, &out);      // or in ranges, one per job
@@ -21,9 +21,9 @@
 /// Positions follow equation (6), v_i = v_i(0) + sum_j w_ij (p_j - p_j(0)), or, with weights for
 /// PC_SKINNING_ROTATION, v_i = sum_j w_ij (p_j + R_j (v_i(0) - p_j(0))). R_j turns the 1-ring of
 /// proxy vertex j from rest to its pose as proxycloth/rotation.h says, or is what the engine's
-/// solver gives (pc_deform_pose_rotated). Normals take these rotations in both cases,
-/// n_i = sum_j w_ij R_j n_i(0), scaled to length 1. A rigid motion of the proxy turns normals
-/// exactly. Where a 1-ring has no area R_j is the identity.
+/// solver gives (pc_deform_pose_rotated). Normals take these rotations too, those of the 1-rings
+/// alone where positions take none: n_i = sum_j w_ij R_j n_i(0), scaled to length 1. A rigid motion
+/// of the proxy turns normals exactly. Where a 1-ring has no area R_j is the identity.
 ///
 /// pc_deform_pose and pc_deform allocate nothing, lock nothing, keep no state and cannot fail; a
 /// deformer may be used by any number of threads at once. They compute in float with the widest of
@@ -56,7 +56,8 @@ typedef struct pc_deform_arrays {
     size_t triangle_count;        ///< of the proxy; only rotations need them
     const uint32_t *triangles;    ///< #triangles by 3
     uint32_t skinning;            ///< pc_skinning, what the weights are for
-    const uint8_t *pinned;        ///< #J, not 0: turns with the pins it is joined to; NULL: none
+    const uint8_t *pinned;        ///< #J, not 0: turns with the pins it is joined to; NULL: none.
+                                  ///< For positions only
 } pc_deform_arrays;
 
 /// Prepares a garment for pc_deform.

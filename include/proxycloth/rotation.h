@@ -3,8 +3,10 @@
 /// Linear blend skinning blends the translation and the rotation of each bone, but cloth solvers
 /// move points. Here the rotation of a vertex is what its 1-ring does from rest to a pose: normal
 /// to normal (the sum of the triangles' area vectors), and within the tangent plane by least
-/// squares over the edges. So it is a proper rotation, also on borders and where the ring is flat,
-/// and exact where the proxy moves rigidly. Where a ring has no area it is the identity.
+/// squares over the edges; then half of that and half of the mean over its neighbours, which is
+/// steadier. So it is a proper rotation, also on borders and where the ring is flat, and exact to
+/// single precision where the proxy moves rigidly. A ring without area turns as its neighbours do,
+/// and not at all where they have none either.
 ///
 /// Pinned vertices that edges join turn together, as the rigid body that fits them best; the free
 /// cloth around would turn them otherwise, and what is pinned with them. Where a few pins do not

@@ -13,9 +13,9 @@
 /// The default solver alternates. For given weights the best rotations are found for all vertices
 /// and frames, certified as global optima. For given rotations the energy is quadratic in the
 /// weights, and all frames enter through the Gram matrix of the proxy's displacements (of 3 by 4
-/// matrices where it turns): Gauss-Seidel
-/// sweeps solve each vertex exactly on the simplex, with momentum from round to round. The paper's
-/// AdamW over the surrogate w = |s| / sum |s| needs ten to forty times as long for the same loss.
+/// matrices where it turns): Gauss-Seidel sweeps solve each vertex exactly on the simplex, and each
+/// round first goes on along the step of the last one. The paper's AdamW over the surrogate
+/// w = |s| / sum |s| needs ten to forty times as long for the same loss.
 ///
 /// The paper names no lambdas. Here each loss is divided by the number of frames and by its norm
 /// (L_r, L_c, L_s: sum of the squared rest lengths of its directed edges; L_a: sum over the

@@ -308,6 +308,9 @@ bool pci_mesh_repair(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *k
             return false;
         }
         find_fans(&r);
+        if (!pci_keep_going(scratch->context)) {
+            return false;
+        }
     } while (remove_crowded(&r, edges) > 0);
     for (size_t t = 0; t < nf; ++t) {
         counts->removed_triangles += (keep == NULL || keep[t]) && !r.alive[t];

@@ -20,6 +20,7 @@ struct pc_rotation_estimator {
     size_t *spoke_ranges; // #V + 1
     spoke *spokes;
     uint32_t *triangles; // #triangles by 3
+    uint8_t *border;     // #V: an edge of the vertex has another number of triangles than two
     // Pinned vertices in bodies.
     uint8_t *pinned; // #V
     double *rest;    // #V by 3; only where there are pins
@@ -70,13 +71,31 @@ void pci_matrix_of_quaternion(const double quaternion[4], double r[9]) {
 
 // ---- preparation --------------------------------------------------------------------------------
 
-// Twice the sum of the area vectors of the triangles around each vertex; #V by `stride`, of which
-// the first 3 are used.
-static void sum_areas(const pc_rotation_estimator *e, const pci_points *pose, double *areas,
-                      size_t stride) {
+// What is known of a vertex while rotations are estimated is in the memory of its result: the
+// caller gives no other, and results may be of any type. Single precision is what fits.
+typedef struct workspace {
+    char *start;
+    size_t stride; // bytes from one vertex to the next
+} workspace;
+
+enum {
+    OWN = 0,   // quaternion from the 1-ring or the pins; 0: none
+    OTHER = 16 // twice the area vector, then the average of the rotations around
+};
+
+static inline void get_four(const workspace *w, size_t vertex, size_t part, float out[4]) {
+    memcpy(out, w->start + vertex * w->stride + part, 4 * sizeof(*out));
+}
+static inline void set_four(const workspace *w, size_t vertex, size_t part, const float in[4]) {
+    memcpy(w->start + vertex * w->stride + part, in, 4 * sizeof(*in));
+}
+
+// The sums of the area vectors of the triangles around each vertex.
+static void sum_areas(const pc_rotation_estimator *e, const pci_points *pose, const workspace *w) {
+    static const float nothing[4] = {0.0F};
     for (size_t v = 0; v < e->vertex_count; ++v) {
-        double *area = &areas[v * stride];
-        area[0] = area[1] = area[2] = 0.0;
+        set_four(w, v, OWN, nothing);
+        set_four(w, v, OTHER, nothing);
     }
     for (size_t t = 0; t < e->triangle_count; ++t) {
         const uint32_t *corner = &e->triangles[3 * t];
@@ -88,19 +107,30 @@ static void sum_areas(const pc_rotation_estimator *e, const pci_points *pose, do
         pci_sub(c, a, c);
         pci_cross(b, c, cross);
         for (size_t i = 0; i < 3; ++i) {
-            double *area = &areas[corner[i] * stride];
-            area[0] += cross[0], area[1] += cross[1], area[2] += cross[2];
+            float area[4];
+            get_four(w, corner[i], OTHER, area);
+            area[0] += (float)cross[0], area[1] += (float)cross[1], area[2] += (float)cross[2];
+            set_four(w, corner[i], OTHER, area);
         }
     }
+}
+
+static void get_area(const workspace *w, size_t vertex, double area[3]) {
+    float at[4];
+    get_four(w, vertex, OTHER, at);
+    area[0] = (double)at[0], area[1] = (double)at[1], area[2] = (double)at[2];
 }
 
 static void list_spokes(const pc_mesh *mesh, const pci_topology *topology,
                         pc_rotation_estimator *e) {
     const pci_points rest = {mesh->positions, 3 * sizeof(double), false};
-    sum_areas(e, &rest, &e->frames[6], 9);
+    const workspace room = {(char *)e->frames, 9 * sizeof(double)};
+    sum_areas(e, &rest, &room);
     for (size_t v = 0; v < mesh->vertex_count; ++v) {
         const double *here = &mesh->positions[3 * v];
         double *tangent = &e->frames[9 * v], *second = tangent + 3, *normal = tangent + 6;
+        get_area(&room, v, normal);
+        memset(tangent, 0, 6 * sizeof(*tangent));
         if (pci_normalize(normal)) {
             const double helper[3] = {fabs(normal[0]) < 0.7 ? 1.0 : 0.0,
                                       fabs(normal[0]) < 0.7 ? 0.0 : 1.0, 0.0};
@@ -158,13 +188,14 @@ static bool fill(pc_context *context, const pc_mesh *mesh, const uint8_t *pinned
         e->spoke_ranges = PCI_ALLOCATE(context, size_t, nv + 1);
         e->spokes = PCI_ALLOCATE(context, spoke, topology.ring_offsets[nv]);
         e->triangles = PCI_ALLOCATE(context, uint32_t, 3 * mesh->triangle_count);
+        e->border = PCI_ALLOCATE(context, uint8_t, nv);
         e->pinned = PCI_ALLOCATE(context, uint8_t, nv);
         e->body_ranges = PCI_ALLOCATE(context, size_t, nv + 1);
         e->members = PCI_ALLOCATE(context, uint32_t, nv);
         e->rest = PCI_ALLOCATE(context, double, 3 * nv);
         good = e->frames != NULL && e->spoke_ranges != NULL && e->spokes != NULL &&
-               e->triangles != NULL && e->pinned != NULL && e->body_ranges != NULL &&
-               e->members != NULL && e->rest != NULL;
+               e->triangles != NULL && e->border != NULL && e->pinned != NULL &&
+               e->body_ranges != NULL && e->members != NULL && e->rest != NULL;
     }
     if (good) {
         memcpy(e->rest, mesh->positions, 3 * nv * sizeof(double));
@@ -177,6 +208,13 @@ static bool fill(pc_context *context, const pc_mesh *mesh, const uint8_t *pinned
             e->pinned[v] = pinned[v] != 0;
         }
         list_bodies(&topology, e);
+        for (size_t i = 0; i < topology.edge_count; ++i) {
+            const size_t count =
+                topology.edge_triangle_offsets[i + 1] - topology.edge_triangle_offsets[i];
+            for (size_t end = 0; end < 2 && count != 2; ++end) {
+                e->border[topology.edges[2 * i + end]] = 1;
+            }
+        }
     }
     pci_scratch_end(&scratch);
     return good;
@@ -213,6 +251,7 @@ void pc_rotation_estimator_destroy(pc_context *context, pc_rotation_estimator *e
     pc_release(context, e->spoke_ranges);
     pc_release(context, e->spokes);
     pc_release(context, e->triangles);
+    pc_release(context, e->border);
     pc_release(context, e->pinned);
     pc_release(context, e->rest);
     pc_release(context, e->body_ranges);
@@ -222,12 +261,20 @@ void pc_rotation_estimator_destroy(pc_context *context, pc_rotation_estimator *e
 
 // ---- every frame --------------------------------------------------------------------------------
 
-static void turn_vertex(const pc_rotation_estimator *e, const pci_points *pose, size_t vertex,
-                        const double area[3], double r[9]) {
+static void keep_rotation(const workspace *w, size_t vertex, const double rotation[9]) {
+    double q[4];
+    pci_quaternion_of_matrix(rotation, q);
+    const float own[4] = {(float)q[0], (float)q[1], (float)q[2], (float)q[3]};
+    set_four(w, vertex, OWN, own);
+}
+
+// What the 1-ring of a vertex does. False: it tells no rotation, and the result is the identity.
+static bool turn_vertex(const pc_rotation_estimator *e, const pci_points *pose, size_t vertex,
+                        const workspace *w, double r[9]) {
     const double *rest = &e->frames[9 * vertex];
-    double here[3], normal[3] = {area[0], area[1], area[2]}, along[3] = {0.0}, across[3] = {0.0},
-                    tangent[3], second[3];
+    double here[3], normal[3], along[3] = {0.0}, across[3] = {0.0}, tangent[3], second[3];
     get_point(pose, vertex, here);
+    get_area(w, vertex, normal);
     const bool flat = !pci_normalize(normal);
     for (size_t s = e->spoke_ranges[vertex]; s < e->spoke_ranges[vertex + 1]; ++s) {
         const spoke *at = &e->spokes[s];
@@ -249,7 +296,7 @@ static void turn_vertex(const pc_rotation_estimator *e, const pci_points *pose, 
     if (flat || still || !pci_normalize(tangent)) {
         static const double identity[9] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
         memcpy(r, identity, sizeof(identity));
-        return;
+        return false;
     }
     pci_cross(normal, tangent, second);
     for (size_t i = 0; i < 3; ++i) {
@@ -257,6 +304,7 @@ static void turn_vertex(const pc_rotation_estimator *e, const pci_points *pose, 
             r[3 * i + j] = tangent[i] * rest[j] + second[i] * rest[3 + j] + normal[i] * rest[6 + j];
         }
     }
+    return true;
 }
 
 // sum (p - mean)(p0 - mean0)^T of some pinned vertices, over its trace at rest.
@@ -286,7 +334,7 @@ static void fit_members(const pc_rotation_estimator *e, const pci_points *pose, 
 }
 
 static void turn_bodies(const pc_rotation_estimator *e, const pci_points *pose,
-                        pci_put_rotation *put, void *user) {
+                        const workspace *w) {
     double all[9] = {still_share, 0.0, 0.0, 0.0, still_share, 0.0, 0.0, 0.0, still_share};
     fit_members(e, pose, 0, e->body_ranges[e->body_count], all_share, all);
     for (size_t b = 0; b < e->body_count; ++b) {
@@ -297,33 +345,90 @@ static void turn_bodies(const pc_rotation_estimator *e, const pci_points *pose,
         const double quaternion[4] = {q[1], q[2], q[3], q[0]};
         pci_matrix_of_quaternion(quaternion, r);
         for (size_t m = e->body_ranges[b]; m < e->body_ranges[b + 1]; ++m) {
-            put(user, e->members[m], r);
+            keep_rotation(w, e->members[m], r);
         }
     }
 }
 
-void pci_rotation_estimate(const pc_rotation_estimator *e, const pci_points *pose, double *areas,
-                           size_t stride, pci_put_rotation *put, void *user) {
-    sum_areas(e, pose, areas, stride);
+static inline bool is_known(const float q[4]) {
+    return q[0] != 0.0F || q[1] != 0.0F || q[2] != 0.0F || q[3] != 0.0F;
+}
+
+// Half the rotation of the vertex, half the mean of those around: a ring of six triangles is not
+// much to go by. Pins keep theirs, and so do borders, whose neighbours are all on one side.
+static void average(const pc_rotation_estimator *e, size_t vertex, const workspace *w) {
+    float own[4], sum[4] = {0.0F}, around = 0.0F;
+    get_four(w, vertex, OWN, own);
+    const bool kept = e->pinned[vertex] != 0 || (e->border[vertex] != 0 && is_known(own));
+    const size_t end = kept ? 0 : e->spoke_ranges[vertex + 1];
+    for (size_t s = e->spoke_ranges[vertex]; s < end; ++s) {
+        float q[4];
+        get_four(w, e->spokes[s].vertex, OWN, q);
+        const float *to = around == 0.0F ? own : sum;
+        const float cosine = q[0] * to[0] + q[1] * to[1] + q[2] * to[2] + q[3] * to[3];
+        const float sign = cosine < 0.0F ? -1.0F : 1.0F;
+        around += is_known(q) ? 1.0F : 0.0F;
+        for (size_t k = 0; k < 4; ++k) {
+            sum[k] += sign * q[k];
+        }
+    }
+    const float share = around > 0.0F ? 1.0F / around : 0.0F;
+    for (size_t k = 0; k < 4; ++k) {
+        own[k] += share * sum[k];
+    }
+    own[3] = is_known(own) ? own[3] : 1.0F;
+    set_four(w, vertex, OTHER, own);
+}
+
+void pci_rotation_estimate(const pc_rotation_estimator *e, const pci_points *pose,
+                           pci_put_rotation *put, void *results, size_t stride) {
+    const workspace w = {results, stride};
+    sum_areas(e, pose, &w);
     for (size_t v = 0; v < e->vertex_count; ++v) {
         double r[9];
-        if (e->pinned[v] == 0) {
-            turn_vertex(e, pose, v, &areas[v * stride], r);
-            put(user, v, r);
+        if (e->pinned[v] == 0 && turn_vertex(e, pose, v, &w, r)) {
+            keep_rotation(&w, v, r);
         }
     }
-    turn_bodies(e, pose, put, user);
+    turn_bodies(e, pose, &w);
+    for (size_t v = 0; v < e->vertex_count; ++v) {
+        average(e, v, &w);
+    }
+    for (size_t v = 0; v < e->vertex_count; ++v) {
+        float average_of[4];
+        get_four(&w, v, OTHER, average_of);
+        double q[4], square = 0.0;
+        for (size_t k = 0; k < 4; ++k) {
+            q[k] = (double)average_of[k];
+            square += q[k] * q[k];
+        }
+        const double factor = (q[3] < 0.0 ? -1.0 : 1.0) / sqrt(square);
+        for (size_t k = 0; k < 4; ++k) {
+            q[k] *= factor;
+        }
+        put(w.start + v * stride, q);
+    }
 }
 
-static void put_quaternion(void *user, size_t vertex, const double rotation[9]) {
-    double *quaternions = user;
-    pci_quaternion_of_matrix(rotation, &quaternions[4 * vertex]);
+void pci_rotation_of_rings(const pc_rotation_estimator *e, const pci_points *pose,
+                           pci_put_matrix *put, void *results, size_t stride) {
+    const workspace w = {results, stride};
+    sum_areas(e, pose, &w);
+    for (size_t v = 0; v < e->vertex_count; ++v) {
+        double r[9];
+        (void)turn_vertex(e, pose, v, &w, r);
+        put(w.start + v * stride, r);
+    }
+}
+
+static void put_quaternion(void *result, const double quaternion[4]) {
+    memcpy(result, quaternion, 4 * sizeof(double));
 }
 
 void pc_rotation_estimate(const pc_rotation_estimator *estimator, const double *positions,
                           double *rotations) {
     const pci_points pose = {positions, 3 * sizeof(double), false};
-    pci_rotation_estimate(estimator, &pose, rotations, 4, put_quaternion, rotations);
+    pci_rotation_estimate(estimator, &pose, put_quaternion, rotations, 4 * sizeof(double));
 }
 
 typedef struct motion_job {

@@ -12,16 +12,22 @@ typedef struct pci_points {
     bool single;
 } pci_points;
 
-// Receives the rotation matrix of a vertex, row-major.
-typedef void pci_put_rotation(void *user, size_t vertex, const double rotation[9]);
+// Writes the unit quaternion of a vertex, w >= 0, to its result.
+typedef void pci_put_rotation(void *result, const double quaternion[4]);
 
 PC_NODISCARD pc_status pci_rotation_prepare(pc_context *context, const char *stage,
                                             const pc_mesh *mesh, const uint8_t *pinned,
                                             pc_rotation_estimator **estimator);
-// `areas`: room for 3 numbers per vertex, `stride` from one to the next; that of a vertex may be
-// where `put` writes its rotation.
+// `results`: at least 32 bytes per vertex, `stride` bytes from one to the next; the only memory
+// that is used.
 void pci_rotation_estimate(const pc_rotation_estimator *estimator, const pci_points *pose,
-                           double *areas, size_t stride, pci_put_rotation *put, void *user);
+                           pci_put_rotation *put, void *results, size_t stride);
+
+// Receives a rotation, row-major.
+typedef void pci_put_matrix(void *result, const double rotation[9]);
+// The rotations of the 1-rings as they are, which is all that normals need: no mean, no pins.
+void pci_rotation_of_rings(const pc_rotation_estimator *estimator, const pci_points *pose,
+                           pci_put_matrix *put, void *results, size_t stride);
 
 // pc_rotation_estimate_motion into scratch memory where `wanted`; else NULL.
 PC_NODISCARD pc_status pci_rotations_of_motion(pci_scratch *scratch, const char *stage,

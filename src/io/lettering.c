@@ -159,7 +159,8 @@ static void draw_stroke(pci_image *image, const double from[2], const double to[
             const double px = (double)x + 0.5 - from[0], py = (double)y + 0.5 - from[1];
             const double along =
                 squared > 0.0 ? fmin(fmax((px * dx + py * dy) / squared, 0.0), 1.0) : 0.0;
-            const double distance = hypot(px - along * dx, py - along * dy);
+            const double beside = px - along * dx, off = py - along * dy;
+            const double distance = sqrt(beside * beside + off * off);
             const double cover = fmin(fmax(0.5 * pen + 0.5 - distance, 0.0), 1.0);
             uint8_t *pixel = &image->pixels[3 * (y * image->width + x)];
             for (size_t k = 0; k < 3; ++k) {

@@ -33,8 +33,8 @@ void pci_extend_view(const pci_camera *camera, const pc_mesh *mesh, double exten
     for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
         const double *p = &mesh->positions[3 * (size_t)mesh->triangles[i]];
         const double x = pci_dot(p, camera->right), y = pci_dot(p, camera->up);
-        extent[0] = fmin(extent[0], x), extent[1] = fmax(extent[1], x);
-        extent[2] = fmin(extent[2], y), extent[3] = fmax(extent[3], y);
+        extent[0] = x < extent[0] ? x : extent[0], extent[1] = x > extent[1] ? x : extent[1];
+        extent[2] = y < extent[2] ? y : extent[2], extent[3] = y > extent[3] ? y : extent[3];
     }
 }
 

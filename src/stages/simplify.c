@@ -236,6 +236,9 @@ static bool relax_and_fit(pci_scratch *scratch, const pci_sampling *s, pci_halfe
         return false;
     }
     for (size_t pass = 0; pass < relax_passes && pci_relax_pass(&relaxation) > 0; ++pass) {
+        if (!pci_keep_going(scratch->context)) {
+            return false;
+        }
     }
     // A corner that leaves no room for good triangles is given up.
     for (uint32_t v = 0; v < coarse->vertex_count; ++v) {

@@ -43,7 +43,7 @@ static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_skin_options, equal_edges, BOOL, 1, 0, 1, "",
                      "Edges count alike in L_r, L_c and L_s, not by their squared length as in the "
                      "paper; alternate only"),
-    PCI_FIELD_OPTION(pc_skin_options, rounds, UINT, 32, 0, 100000, "rounds",
+    PCI_FIELD_OPTION(pc_skin_options, rounds, UINT, 28, 0, 100000, "rounds",
                      "Passes over frames at most, most of them over a sample; alternate only"),
     PCI_FIELD_OPTION(pc_skin_options, round_gain, DOUBLE, 0.001, 0.0, 1.0, "",
                      "Stops when a round gains less than this share of the gain so far; alternate "

@@ -1,6 +1,6 @@
 // Alternates between rotations and weights.
 // Based on: Sorkine, Alexa, "As-rigid-as-possible surface modeling", 2007 (local/global);
-// O'Donoghue, Candes, "Adaptive restart for accelerated gradient schemes", 2015.
+// Walker, Ni, "Anderson acceleration for fixed-point iterations", 2011.
 #include "stages/skin_alternate.h"
 
 static const char stage[] = "skin";
@@ -8,6 +8,8 @@ static const char stage[] = "skin";
 enum { SWEEPS = 4, SAMPLE_BLOCKS = 4 }; // sweeps per round
 
 static const double sample_rounds = 0.75; // of the rounds at most
+// Along the last round's; it may have gone too far.
+static const double longest_step = 8.0, longest_step_back = 0.5;
 
 typedef struct gram_job {
     const double *columns; // #rows by size
@@ -92,9 +94,8 @@ static bool build_level(pci_scratch *scratch, const pci_skin_frames *w, size_t s
 typedef struct row_job {
     pci_skin_alternation *a;
     const pci_skin_level *level;
-    const double *weights, *before;
+    double *weights;
     double factor;
-    double *result;
 } row_job;
 
 // The gradient of the losses, and of L_f: 2 (G w - G b).
@@ -128,11 +129,14 @@ static void use_level(pci_skin_alternation *a, const pci_skin_level *level) {
     a->quadratic.gram = level->gram;
 }
 
-// dE/dW at the given weights, with the best rotations. `measures`, with all frames only, may be
-// NULL. False: cancelled.
-static bool find_gradient(pci_skin_alternation *a, const pci_skin_level *level,
-                          const double *weights, pci_skin_measures *measures) {
+// dE/dW at the given weights, with the best rotations; the gradient before stays. `measures`, with
+// all frames only, may be NULL. False: cancelled.
+static bool find_gradient(pci_skin_alternation *a, const pci_skin_level *level, double *weights,
+                          pci_skin_measures *measures) {
     pci_skin_frames *w = &a->frames;
+    double *last = a->last_gradient;
+    a->last_gradient = a->gradient;
+    a->gradient = last;
     use_level(a, level);
     pci_skin_frames_set_weights(w, weights);
     if (!pci_skin_frames_evaluate(w, 0, w->block_count, level->stride, true,
@@ -148,7 +152,23 @@ static bool find_gradient(pci_skin_alternation *a, const pci_skin_level *level,
     return true;
 }
 
-// W + factor (W - before), brought back to the simplex.
+// How far to go on along the last round's step: to where the gradient would have no part along it,
+// were it to change on as it has over that step.
+static double step_length(const pci_skin_alternation *a, const double *weights) {
+    const size_t count = a->frames.problem->vertex_count * a->frames.problem->slots;
+    double slope = 0.0, curvature = 0.0;
+    for (size_t k = 0; k < count; ++k) {
+        const double step = weights[k] - a->before[k];
+        slope += a->gradient[k] * step;
+        curvature += (a->gradient[k] - a->last_gradient[k]) * step;
+    }
+    const double length = curvature > 0.0 ? -slope / curvature : 0.0;
+    return length > longest_step         ? longest_step
+           : length < -longest_step_back ? -longest_step_back
+                                         : length;
+}
+
+// W + factor (W - before), brought back to the simplex; `before` becomes W.
 static void extrapolate(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const row_job *job = user;
@@ -156,12 +176,14 @@ static void extrapolate(void *user, size_t begin, size_t end, uint32_t worker) {
     for (size_t v = begin; v < end; ++v) {
         double sum = 0.0;
         for (size_t k = v * slots; k < (v + 1) * slots; ++k) {
-            const double w = job->weights[k] + job->factor * (job->weights[k] - job->before[k]);
-            job->result[k] = w > 0.0 ? w : 0.0;
-            sum += job->result[k];
+            const double now = job->weights[k];
+            const double w = now + job->factor * (now - job->a->before[k]);
+            job->a->before[k] = now;
+            job->weights[k] = w > 0.0 ? w : 0.0;
+            sum += job->weights[k];
         }
         for (size_t k = v * slots; k < (v + 1) * slots; ++k) {
-            job->result[k] /= sum;
+            job->weights[k] /= sum;
         }
     }
 }
@@ -172,7 +194,7 @@ bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *pr
     memset(a, 0, sizeof(*a));
     a->gradient = PCI_SCRATCH(scratch, double, count);
     a->before = PCI_SCRATCH(scratch, double, count);
-    a->start = PCI_SCRATCH(scratch, double, count);
+    a->last_gradient = PCI_SCRATCH(scratch, double, count);
     a->follow = PCI_SCRATCH(scratch, double, nv);
     a->allowed = PCI_SCRATCH(scratch, uint32_t, nv);
     if (scratch->failed ||
@@ -237,48 +259,41 @@ pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, dou
                                    bool rough, double progress_begin, double progress_end,
                                    double *weights) {
     pc_context *context = a->frames.context;
-    const pci_skin_problem *p = a->frames.problem;
-    const size_t count = p->vertex_count * p->slots;
-    row_job job = {.a = a, .weights = weights, .before = a->before, .result = a->start};
+    const size_t nv = a->frames.problem->vertex_count, count = nv * a->frames.problem->slots;
     const uint32_t most = rough ? rounds : (uint32_t)(sample_rounds * rounds);
-    bool sampled = a->levels[PCI_SKIN_SAMPLE].stride > 1;
-    double momentum = 1.0, lowered = 0.0, last_fall = INFINITY;
-    memcpy(a->start, weights, count * sizeof(*weights));
+    bool sampled = a->levels[PCI_SKIN_SAMPLE].stride > 1, same_frames = false;
+    row_job job = {.a = a, .weights = weights};
+    double lowered = 0.0;
     for (uint32_t round = 0; round < rounds; ++round) {
         const double share = (double)round / (double)rounds;
-        sampled = sampled && round < most;
+        if (sampled && round >= most) {
+            sampled = same_frames = false;
+        }
         if (!pci_progress(context, stage,
                           progress_begin + share * (progress_end - progress_begin)) ||
-            !find_gradient(a, &a->levels[sampled ? PCI_SKIN_SAMPLE : PCI_SKIN_ALL], a->start,
+            !find_gradient(a, &a->levels[sampled ? PCI_SKIN_SAMPLE : PCI_SKIN_ALL], weights,
                            NULL)) {
             return pci_fail_cancelled(context, stage);
         }
-        memcpy(a->before, weights, count * sizeof(*weights));
-        memcpy(weights, a->start, count * sizeof(*weights));
+        job.factor = same_frames ? step_length(a, weights) : 0.0;
+        pci_parallel_for(context, nv, 256, extrapolate, &job);
         for (uint32_t sweep = 0; sweep < SWEEPS; ++sweep) {
-            pci_skin_quadratic_sweep(&a->quadratic, a->start, a->gradient, sweep % 2 == 1, weights);
+            pci_skin_quadratic_sweep(&a->quadratic, a->before, a->gradient, sweep % 2 == 1,
+                                     weights);
         }
-        // Momentum is dropped when it runs uphill, or so far past the minimum that a round has more
-        // to mend than the one before. A quadratic function falls by half of what the gradient says
-        // on the way to its minimum.
-        double uphill = 0.0, fall = 0.0;
+        // A quadratic function falls by half of what the gradient says on the way to its minimum.
+        double fall = 0.0;
         for (size_t k = 0; k < count; ++k) {
-            uphill += a->gradient[k] * (weights[k] - a->before[k]);
-            fall += 0.5 * a->gradient[k] * (a->start[k] - weights[k]);
+            fall += 0.5 * a->gradient[k] * (a->before[k] - weights[k]);
         }
         lowered += fall;
+        same_frames = true;
         if (fall <= tolerance * lowered) {
             if (!sampled || rough) {
                 break;
             }
-            sampled = false;
+            sampled = same_frames = false;
         }
-        const double next = 0.5 * (1.0 + sqrt(1.0 + 4.0 * momentum * momentum));
-        const bool restart = uphill > 0.0 || fall > last_fall;
-        job.factor = restart ? 0.0 : (momentum - 1.0) / next;
-        momentum = restart ? 1.0 : next;
-        last_fall = fall;
-        pci_parallel_for(context, p->vertex_count, 256, extrapolate, &job);
     }
     return PC_OK;
 }
@@ -286,11 +301,11 @@ pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, dou
 pc_status pci_skin_alternation_prune(pci_skin_alternation *a, uint32_t kept, double *weights,
                                      pci_skin_measures *measures) {
     const pci_skin_problem *p = a->frames.problem;
-    memcpy(a->start, weights, p->vertex_count * p->slots * sizeof(*weights));
-    if (!find_gradient(a, &a->levels[PCI_SKIN_ALL], a->start, measures)) {
+    memcpy(a->before, weights, p->vertex_count * p->slots * sizeof(*weights));
+    if (!find_gradient(a, &a->levels[PCI_SKIN_ALL], weights, measures)) {
         return pci_fail_cancelled(a->frames.context, stage);
     }
-    pci_skin_quadratic_prune(&a->quadratic, a->start, a->gradient, kept, a->allowed, weights);
+    pci_skin_quadratic_prune(&a->quadratic, a->before, a->gradient, kept, a->allowed, weights);
     return PC_OK;
 }
 

@@ -25,13 +25,13 @@ typedef struct pci_skin_alternation {
     pci_skin_frames frames;
     pci_skin_quadratic quadratic;
     pci_skin_level levels[PCI_SKIN_LEVELS];
-    double scale[4];                   // of the losses
-    uint32_t *allowed;                 // #V, see pci_skin_quadratic
-    double *follow;                    // #V: factor of L_f
-    double spacing;                    // of the proxy's vertices, squared
-    double *gradient, *before, *start; // #V by slots
-    pci_skin_sums *sums;               // #patches by #blocks
-    uint32_t rounds;                   // so far
+    double scale[4];                           // of the losses
+    uint32_t *allowed;                         // #V, see pci_skin_quadratic
+    double *follow;                            // #V: factor of L_f
+    double spacing;                            // of the proxy's vertices, squared
+    double *gradient, *last_gradient, *before; // #V by slots
+    pci_skin_sums *sums;                       // #patches by #blocks
+    uint32_t rounds;                           // so far
 } pci_skin_alternation;
 
 // False: out of memory.

@@ -79,19 +79,11 @@ static double normalize_losses(const pci_skin_fit *f, const double norms[3],
     return total;
 }
 
-// The paper's losses, which the report gives.
-static pc_status measure(pci_scratch *scratch, const pci_skin_fit *f, pci_skin_measures *measures) {
+// The problem of the paper's losses, which the report gives.
+static pci_skin_problem paper_problem(const pci_skin_fit *f) {
     pci_skin_problem paper = f->problem;
-    const pci_skin_problem *p = &paper;
     paper.typical = 0.0;
-    double *weights = PCI_SCRATCH(scratch, double, p->vertex_count * p->slots);
-    if (weights == NULL) {
-        return pci_fail_memory(f->context, stage);
-    }
-    for (size_t v = 0; v < p->vertex_count; ++v) {
-        pci_skin_normalize(&f->weights[v * p->slots], p->slots, &weights[v * p->slots]);
-    }
-    return pci_skin_measure(f->context, p, pci_skin_kernel_float(), weights, measures, NULL);
+    return paper;
 }
 
 static void report_before(const pci_skin_fit *f, const pci_skin_measures *measures,
@@ -158,11 +150,24 @@ static pc_status descend(const pci_skin_fit *f, size_t phase) {
                             f->weights);
 }
 
+static pc_status measure_surrogate(pci_scratch *scratch, const pci_skin_fit *f,
+                                   pci_skin_measures *measures) {
+    const pci_skin_problem paper = paper_problem(f), *p = &paper;
+    double *weights = PCI_SCRATCH(scratch, double, p->vertex_count * p->slots);
+    if (weights == NULL) {
+        return pci_fail_memory(f->context, stage);
+    }
+    for (size_t v = 0; v < p->vertex_count; ++v) {
+        pci_skin_normalize(&f->weights[v * p->slots], p->slots, &weights[v * p->slots]);
+    }
+    return pci_skin_measure(f->context, p, pci_skin_kernel_float(), weights, measures, NULL);
+}
+
 pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *f, pc_skin_report *r) {
     uint32_t widths[PHASES];
     phase_widths(f, widths);
     pci_skin_measures measures = {0};
-    pc_status status = measure(scratch, f, &measures);
+    pc_status status = measure_surrogate(scratch, f, &measures);
     report_before(f, &measures, r);
     balance(f, &measures);
     for (size_t phase = 0; phase < PHASES && status == PC_OK; ++phase) {
@@ -174,7 +179,7 @@ pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *f, pc_skin_repo
         }
         if (status == PC_OK && phase + 1 < PHASES) {
             double losses[3];
-            status = measure(scratch, f, &measures);
+            status = measure_surrogate(scratch, f, &measures);
             const double total = normalize_losses(f, f->paper_norms, &measures, losses);
             r->full_loss = phase == 0 ? total : r->full_loss;
             (void)rebalance(f, &measures);
@@ -182,7 +187,7 @@ pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *f, pc_skin_repo
     }
     r->spatial_share = f->spatial_share;
     if (status == PC_OK) {
-        status = measure(scratch, f, &measures);
+        status = measure_surrogate(scratch, f, &measures);
         report_after(f, &measures, r);
     }
     return status;
@@ -308,6 +313,15 @@ static void normalize_rows(const pci_skin_fit *f) {
     }
 }
 
+static pc_status measure(const pci_skin_fit *f, pci_skin_alternation *a,
+                         pci_skin_measures *measures) {
+    const pci_skin_problem paper = paper_problem(f);
+    pci_skin_frames_use(&a->frames, &paper);
+    const pc_status status = pci_skin_alternation_measure(a, f->weights, measures);
+    pci_skin_frames_use(&a->frames, &f->problem);
+    return status;
+}
+
 static pc_status weigh(pci_scratch *scratch, const pci_skin_fit *f, pci_skin_alternation *a) {
     const pc_skin_options *o = f->options;
     const double lambda[4] = {o->lambda_rigid, f->spatial_share * o->lambda_collision,
@@ -330,7 +344,7 @@ pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_
     pci_skin_alternation_follow(&a, f->proxy, &f->followed);
     pci_skin_measures measures = {0};
     normalize_rows(f);
-    pc_status status = measure(scratch, f, &measures);
+    pc_status status = measure(f, &a, &measures);
     report_before(f, &measures, r);
     if (status == PC_OK) {
         status = pci_skin_alternation_measure(&a, f->weights, &measures);
@@ -345,7 +359,7 @@ pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_
     for (size_t phase = 0; phase < PHASES && status == PC_OK; ++phase) {
         if (phase == 1) {
             double losses[3];
-            status = measure(scratch, f, &measures);
+            status = measure(f, &a, &measures);
             r->full_loss = normalize_losses(f, f->paper_norms, &measures, losses);
         }
         if (phase > 0 && status == PC_OK) {
@@ -368,7 +382,7 @@ pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_
     r->rounds = a.rounds;
     r->spatial_share = f->spatial_share;
     if (status == PC_OK) {
-        status = measure(scratch, f, &measures);
+        status = measure(f, &a, &measures);
         report_after(f, &measures, r);
     }
     return status == PC_OK && widths[PHASES - 1] < slots ? cut(scratch, f, widths[PHASES - 1])

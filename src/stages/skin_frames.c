@@ -36,7 +36,7 @@ typedef struct edge_builder {
     uint32_t *local;  // #V: 1 + local index in the patch in hand, or 0
     uint32_t *places; // #V: 1 + place in K(i) of the vertex i in hand, or 0
     uint32_t *targets;
-    void *vectors, *lengths, *stiffness, *near_weights;
+    void *near_weights;
     size_t next;
 } edge_builder;
 
@@ -48,17 +48,8 @@ static uint32_t run_of(uint32_t i, uint32_t j, bool near) {
 
 static void add_edge(edge_builder *b, uint32_t i, uint32_t j) {
     const pci_skin_problem *p = b->w->problem;
-    const pci_skin_kernel *kernel = b->w->kernel;
     const uint32_t place = b->places[j];
-    const double stiffness = pci_skin_stiffness(p, i, j), factor = stiffness * b->w->unit;
-    double e[3];
-    pci_sub(&p->rest[3 * (size_t)i], &p->rest[3 * (size_t)j], e);
-    for (size_t c = 0; c < 3; ++c) {
-        pci_skin_put(kernel, b->vectors, 3 * b->next + c, factor * e[c]);
-    }
-    pci_skin_put(kernel, b->lengths, b->next, factor * pci_norm(e));
-    pci_skin_put(kernel, b->stiffness, b->next, stiffness);
-    pci_skin_put(kernel, b->near_weights, b->next,
+    pci_skin_put(b->w->kernel, b->near_weights, b->next,
                  place > 0 ? p->near_weights[(size_t)i * p->near_count + place - 1] : 0.0);
     b->targets[b->next++] = b->local[j] - 1;
 }
@@ -115,7 +106,7 @@ static void add_product(const pci_skin_frames *w, uint32_t from, uint32_t to, do
     }
 }
 
-static void fill_constants(const pci_skin_frames *w, uint32_t i, size_t row, void *constants) {
+static void fill_constants(const pci_skin_frames *w, uint32_t i, void *constants, size_t row) {
     const pci_skin_problem *p = w->problem;
     const double *rest = &p->rest[3 * (size_t)i];
     double values[PCI_SKIN_CONSTANTS] = {0}, attached[3] = {rest[0], rest[1], rest[2]};
@@ -139,6 +130,39 @@ static void fill_constants(const pci_skin_frames *w, uint32_t i, size_t row, voi
     for (size_t k = 0; k < PCI_SKIN_CONSTANTS; ++k) {
         pci_skin_put(w->kernel, constants, row * PCI_SKIN_CONSTANTS + k, values[k]);
     }
+}
+
+static void fill_edge(const pci_skin_frames *w, const pci_skin_patch *patch, size_t k, uint32_t i) {
+    const pci_skin_problem *p = w->problem;
+    const uint32_t j = patch->vertices[patch->targets[k]];
+    const double stiffness = pci_skin_stiffness(p, i, j), factor = stiffness * w->unit;
+    double e[3];
+    pci_sub(&p->rest[3 * (size_t)i], &p->rest[3 * (size_t)j], e);
+    for (size_t c = 0; c < 3; ++c) {
+        pci_skin_put(w->kernel, (void *)patch->vectors, 3 * k + c, factor * e[c]);
+    }
+    pci_skin_put(w->kernel, (void *)patch->lengths, k, factor * pci_norm(e));
+    pci_skin_put(w->kernel, (void *)patch->stiffness, k, stiffness);
+}
+
+// Fills what depends on the stiffness of edges.
+static void fill_patches(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const pci_skin_frames *w = user;
+    for (size_t i = begin; i < end; ++i) {
+        const pci_skin_patch *patch = &w->patches[i];
+        for (size_t k = 0; k < patch->own_count; ++k) {
+            for (size_t e = patch->runs[k].begin; e < patch->runs[k].end; ++e) {
+                fill_edge(w, patch, e, patch->vertices[k]);
+            }
+            fill_constants(w, patch->vertices[k], (void *)patch->constants, k);
+        }
+    }
+}
+
+void pci_skin_frames_use(pci_skin_frames *w, const pci_skin_problem *problem) {
+    w->problem = problem;
+    pci_parallel_for(w->context, w->patch_count, 1, fill_patches, w);
 }
 
 // Gives the vertices of one patch and their neighbours local numbers; appends them to `vertices`.
@@ -203,10 +227,10 @@ static bool build_patches(pci_scratch *scratch, pci_skin_frames *w) {
                       .local = PCI_SCRATCH(scratch, uint32_t, nv),
                       .places = PCI_SCRATCH(scratch, uint32_t, nv),
                       .targets = PCI_SCRATCH(scratch, uint32_t, edges),
-                      .vectors = pci_skin_reals(scratch, w->kernel, 3 * edges),
-                      .lengths = pci_skin_reals(scratch, w->kernel, edges),
-                      .stiffness = pci_skin_reals(scratch, w->kernel, edges),
                       .near_weights = pci_skin_reals(scratch, w->kernel, edges)};
+    char *vectors = pci_skin_reals(scratch, w->kernel, 3 * edges);
+    char *lengths = pci_skin_reals(scratch, w->kernel, edges);
+    char *stiffness = pci_skin_reals(scratch, w->kernel, edges);
     uint32_t *vertices = NULL;
     size_t capacity = 0, rows = 0, most = 0;
     if (scratch->failed) {
@@ -222,7 +246,6 @@ static bool build_patches(pci_scratch *scratch, pci_skin_frames *w) {
         }
         for (size_t k = begin; k < end; ++k) {
             runs[k] = add_edges(&b, p->order[k], first_edge);
-            fill_constants(w, p->order[k], k, constants);
         }
         for (size_t r = first_row; r < rows; ++r) {
             b.local[vertices[r]] = 0;
@@ -231,9 +254,9 @@ static bool build_patches(pci_scratch *scratch, pci_skin_frames *w) {
         patch->local_count = (uint32_t)(rows - first_row);
         patch->runs = &runs[begin];
         patch->targets = &b.targets[first_edge];
-        patch->vectors = (char *)b.vectors + 3 * first_edge * size;
-        patch->lengths = (char *)b.lengths + first_edge * size;
-        patch->stiffness = (char *)b.stiffness + first_edge * size;
+        patch->vectors = vectors + 3 * first_edge * size;
+        patch->lengths = lengths + first_edge * size;
+        patch->stiffness = stiffness + first_edge * size;
         patch->near_weights = (char *)b.near_weights + first_edge * size;
         patch->constants = constants + begin * PCI_SKIN_CONSTANTS * size;
         w->patch_rows[i + 1] = rows;
@@ -242,6 +265,7 @@ static bool build_patches(pci_scratch *scratch, pci_skin_frames *w) {
     for (size_t i = 0; i < w->patch_count; ++i) {
         w->patches[i].vertices = &vertices[w->patch_rows[i]];
     }
+    pci_skin_frames_use(w, p);
     const uint32_t threads = pc_context_threads(w->context);
     w->partial = pci_skin_reals(scratch, w->kernel, rows * p->slots);
     w->buffers = PCI_SCRATCH(scratch, pci_skin_buffers, threads);

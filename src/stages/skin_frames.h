@@ -41,6 +41,9 @@ bool pci_skin_frames_build(pci_scratch *scratch, const pci_skin_problem *problem
 bool pci_skin_frames_build_sequential(pci_scratch *scratch, const pci_skin_problem *problem,
                                       const pci_skin_kernel *kernel, pci_skin_frames *w);
 
+// Takes the stiffness of edges from another problem that is the same but for it.
+void pci_skin_frames_use(pci_skin_frames *w, const pci_skin_problem *problem);
+
 void pci_skin_frames_set_weights(pci_skin_frames *w, const double *weights);
 
 // Evaluates the blocks begin, begin + stride, ... below `end`. `sums` (#patches by #blocks, the

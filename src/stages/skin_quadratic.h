@@ -2,13 +2,18 @@
 //
 //   E(W) = E(W0) + <g0, W - W0> + 1/2 sum (w - w0)_ib H_ib,jc (w - w0)_jc,
 //   H_ib,jc = M_ij x^_i^T G[B_ib, B_jc] x^_j
-// with M = 2 (weighted Laplacians of L_r and L_c + K^T K of L_a + diagonal of L_t), and x^ and A of
-// skin_driver.h: G[b, c] = sum A_b^T A_c over all frames. With one column G is the Gram matrix of
-// the displacements of the proxy, and x^ = 1.
+// with M = 2 (weighted Laplacians of L_r, L_c and L_s + K^T K of L_a + diagonal of L_t), and x^ and
+// A of skin_driver.h: G[b, c] = sum A_b^T A_c over all frames. With one column G is the Gram matrix
+// of the displacements of the proxy, and x^ = 1.
 #ifndef PCI_SKIN_QUADRATIC_H
 #define PCI_SKIN_QUADRATIC_H
 
 #include "stages/skin_driver.h"
+
+// Factor of the Laplacian over the rings that stands for L_r and L_s. L_s resists along an edge,
+// one direction of three: as much in all of them would bound the energy, but make the steps short.
+// With half of the bound or more, sweeps still converge.
+double pci_skin_ring_scale(const double scale[4]);
 
 // What the vertices of one group need, close together in memory.
 typedef struct pci_skin_group {

@@ -14,6 +14,27 @@ static const sew_garment *find_garment(const char *name) {
     return NULL;
 }
 
+// Neither crossings nor slivers, down to a few vertices.
+static void check_levels(pc_context *context, const pc_asset *asset) {
+    static const uint32_t levels[] = {16, 48, 400};
+    for (size_t i = 0; i < sizeof(levels) / sizeof(levels[0]); ++i) {
+        pc_simplify_options options = pc_default_options().simplify;
+        pc_simplify_report report;
+        pc_measures m = {0};
+        pc_mesh proxy = {0};
+        options.vertices = levels[i];
+        options.seed = (uint32_t)i;
+        assert_ok(context, pc_simplify(context, &asset->visual, &asset->single_layer, &options,
+                                       &proxy, &report));
+        assert_ok(context, pc_evaluate(context, &asset->visual.surface, &proxy, &m));
+        assert_int_equal(m.self_intersections, 0);
+        assert_int_equal(report.self_intersections, 0);
+        assert_true(m.min_angle_worst >= 20.0);
+        assert_true(report.attempts >= 1);
+        pc_mesh_free(context, &proxy);
+    }
+}
+
 static void proxies_are_what_the_garments_are(void **state) {
     (void)state;
     static const char *const names[] = {
@@ -46,6 +67,8 @@ static void proxies_are_what_the_garments_are(void **state) {
         assert_int_equal(m.vertices, options.simplify.vertices);
         assert_int_equal(m.nonmanifold_edges + m.nonmanifold_vertices, 0);
         assert_true(m.hausdorff < 0.12 && m.doubled_area < 0.05);
+        assert_int_equal(m.self_intersections, 0);
+        check_levels(context, &asset);
         pc_mesh_free(context, &mesh);
         pc_asset_free(context, &asset);
         pc_context_destroy(context);

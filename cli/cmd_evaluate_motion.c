@@ -7,10 +7,11 @@
 
 #include "print.h"
 
-enum { BASELINE_INFLUENCES = 8, MAXIMUM_ROWS = 5 };
+enum { BASELINE_INFLUENCES = 8, MAXIMUM_ROWS = 6 };
 
 typedef struct weights_row {
     const char *name;
+    bool seen; // on the motion of the asset, which its weights were made for
     uint32_t influences;
     pc_motion_measures measures;
 } weights_row;
@@ -59,13 +60,14 @@ static int simulate(comparison *c) {
                                              file != NULL ? file : c->arguments->inputs[0], false);
 }
 
-static int measure(comparison *c, const char *name, const pc_skin *skin) {
+static int measure(comparison *c, const char *name, bool seen, const pc_skin *skin) {
     weights_row *row = &c->rows[c->count++];
     row->name = name;
+    row->seen = seen;
     row->influences = skin->influences;
-    const pc_status status =
-        pc_evaluate_motion(c->context, &c->asset.visual.surface, &c->asset.proxy, &c->motion, skin,
-                           &c->arguments->motion, &row->measures);
+    const pc_status status = pc_evaluate_motion(
+        c->context, &c->asset.visual.surface, &c->asset.proxy, seen ? &c->asset.motion : &c->motion,
+        skin, &c->arguments->motion, &row->measures);
     return status == PC_OK ? CLI_OK
                            : cli_fail_status(c->command->name, c->context, status, NULL, false);
 }
@@ -98,7 +100,10 @@ static int compare(comparison *c) {
                                         "heat-smoothed triangle"};
     int code = CLI_OK;
     if (c->asset.stage_count > PC_STAGE_SKIN) {
-        code = measure(c, "asset", &c->asset.skin);
+        code = measure(c, "asset", false, &c->asset.skin);
+        if (code == CLI_OK) {
+            code = measure(c, "asset", true, &c->asset.skin);
+        }
     }
     for (weights_source source = FROM_GLB; source <= SMOOTHED && code == CLI_OK; ++source) {
         if (source == FROM_GLB && c->arguments->input_count < 2) {
@@ -108,7 +113,8 @@ static int compare(comparison *c) {
         const pc_status status = make_weights(c, source, &skin);
         skin.skinning = skinning_of(c);
         code = status == PC_OK
-                   ? measure(c, source == FROM_GLB ? c->arguments->inputs[1] : names[source], &skin)
+                   ? measure(c, source == FROM_GLB ? c->arguments->inputs[1] : names[source], false,
+                             &skin)
                    : cli_fail_status(c->command->name, c->context, status, NULL, false);
         pc_skin_free(c->context, &skin);
     }
@@ -131,7 +137,10 @@ static void print_table(const comparison *c) {
         const pc_motion_measures *m = &row->measures;
         const char *slash = strrchr(row->name, '/');
         char name[256];
-        cli_clean_text(name, sizeof(name), slash != NULL ? slash + 1 : row->name);
+        cli_clean_text(name, sizeof(name),
+                       row->seen       ? "on its own motion"
+                       : slash != NULL ? slash + 1
+                                       : row->name);
         printf("%-24.24s %3u %9.5f %9.5f %8.4f %8.4f %8.3f %9.1f %8.4f %8.4f %7.4f\n", name,
                (unsigned)row->influences, m->rigid, m->collision, m->strain_mean, m->strain_p95,
                100.0 * m->folded_triangles, m->new_intersections, 100.0 * m->pinned_drift,
@@ -154,6 +163,7 @@ static int print_result(const comparison *c) {
         cli_clean_text(name, sizeof(name), c->rows[i].name);
         cJSON *row = cJSON_CreateObject();
         json_text(row, "name", name);
+        json_text(row, "motion", c->rows[i].seen ? "seen" : "unseen");
         json_number(row, "influences", (double)c->rows[i].influences);
         json_record(row, &pc_motion_measures_record, &c->rows[i].measures);
         cJSON_AddItemToArray(rows, row);

@@ -75,7 +75,8 @@ static const cli_command commands_after[] = {
          "VISUAL and PROXY may be asset files: the visual mesh or the proxy is taken.\n"
          "--motion simulates the proxy of ASSET in another wind and compares its weights, those\n"
          "in WEIGHTS.glb (of any program; one joint where each proxy vertex rests), and weights\n"
-         "without optimisation: inverse distance, closest triangle, the same smoothed.\n",
+         "without optimisation: inverse distance, closest triangle, the same smoothed. One row has\n"
+         "the asset's weights on the motion that they were made for.\n",
      .example = "jacket.obj out/jacket.proxy.obj",
      .minimum_inputs = 1,
      .maximum_inputs = 2,

@@ -9,7 +9,9 @@ enum { GROUP = 64, GRAIN = 1 }; // vertices that one thread visits in turn; grou
 
 static const double ridge_share = 1e-9; // of the trace of a block, keeps it definite
 
-const double pci_skin_stretch_share = 1.0 / 3.0;
+double pci_skin_ring_scale(const double scale[4]) {
+    return scale[0] + fmax(scale[3] / 3.0, 0.5 * (scale[3] - scale[0]));
+}
 
 // ---- the matrix M -------------------------------------------------------------------------------
 
@@ -63,12 +65,12 @@ static bool build_incoming(pci_scratch *scratch, const pci_skin_problem *p, inco
 static void build_row(const pci_skin_problem *p, const incoming_lists *in, const double scale[4],
                       uint32_t i, row_builder *b) {
     const size_t k = p->near_count;
+    const double ring = pci_skin_ring_scale(scale);
     b->row = i;
     b->count = 0;
     add_entry(b, i, 0.0);
     for (size_t e = p->ring_offsets[i]; e < p->ring_offsets[i + 1]; ++e) {
-        const double value = 2.0 * (scale[0] + pci_skin_stretch_share * scale[3]) *
-                             pci_skin_stiffness(p, i, p->ring[e]);
+        const double value = 2.0 * ring * pci_skin_stiffness(p, i, p->ring[e]);
         add_entry(b, p->ring[e], -value);
         b->values[i] += value;
     }

@@ -10,9 +10,10 @@
 
 #include "stages/skin_driver.h"
 
-// Of the Laplacian of L_s: it resists along an edge, one direction of three. As much in all of them
-// would bound the energy, but make the steps short.
-extern const double pci_skin_stretch_share;
+// Factor of the Laplacian over the rings that stands for L_r and L_s. L_s resists along an edge,
+// one direction of three: as much in all of them would bound the energy, but make the steps short.
+// With half of the bound or more, sweeps still converge.
+double pci_skin_ring_scale(const double scale[4]);
 
 // What the vertices of one group need, close together in memory.
 typedef struct pci_skin_group {

@@ -194,6 +194,8 @@ run 0 evaluate --motion skinned.h5 --scenario gust.json
 grep -q '^# .* 4 frames' stdout || fail "--scenario chooses no motion"
 run 0 evaluate --motion skinned.h5 --wind-seed 1
 grep -q 'made in the wind of seed 1' stderr || fail "no warning about a wind that was seen"
+own=$(sed -n 's/^on its own motion *//p' stdout)
+[ -n "$own" ] && [ "$own" = "$(sed -n 's/^asset *//p' stdout)" ] || fail "the motion is not the asset's own"
 
 # --mesh takes the named part only.
 run 0 voxelize outfit.obj -o auto.h5 --voxels auto

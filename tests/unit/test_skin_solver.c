@@ -1,3 +1,4 @@
+#include "proxycloth/evaluate_motion.h"
 #include "stages/skin_alternate.h"
 #include "stages/skin_fit.h"
 #include "stages/skin_simplex.h"
@@ -191,8 +192,8 @@ static void the_matrix_is_that_of_the_losses(void **state) {
             }
             double attached = u[v];
             for (size_t e = p->ring_offsets[v]; e < p->ring_offsets[v + 1]; ++e) {
-                direct += (scale[0] + pci_skin_stretch_share * scale[3]) * (u[v] - u[p->ring[e]]) *
-                          (u[v] - u[p->ring[e]]);
+                direct +=
+                    pci_skin_ring_scale(scale) * (u[v] - u[p->ring[e]]) * (u[v] - u[p->ring[e]]);
             }
             for (size_t e = v * p->near_count; e < (v + 1) * p->near_count; ++e) {
                 direct += scale[1] * (u[v] - u[p->near[e]]) * (u[v] - u[p->near[e]]);
@@ -568,6 +569,35 @@ static void follows_the_proxy(void **state) {
     }
 }
 
+static double mean_strain(const fixture *f, double lambda_rigid, double lambda_stretch) {
+    pc_motion motion = {0};
+    pc_skin skin = {0};
+    pc_skin_options options;
+    pc_motion_measures measures;
+    make_motion(f->context, &f->proxy, 60, 1, &motion);
+    pc_record_set_defaults(&pc_skin_options_record, &options);
+    options.lambda_rigid = lambda_rigid;
+    options.lambda_stretch = lambda_stretch;
+    assert_ok(f->context,
+              pc_skin_optimize(f->context, &f->visual, &f->proxy, &motion, &options, &skin, NULL));
+    assert_ok(f->context, pc_evaluate_motion(f->context, &f->visual, &f->proxy, &motion, &skin,
+                                             NULL, &measures));
+    pc_skin_free(f->context, &skin);
+    pc_motion_free(f->context, &motion);
+    return measures.strain_mean;
+}
+
+// The model of L_s is below its bound; sweeps must not overshoot where it outweighs the rest.
+static void lengths_are_kept_as_asked(void **state) {
+    (void)state;
+    for (size_t i = 0; i < 2; ++i) {
+        fixture f;
+        load_fixture(moving_names[i], 1, &f);
+        assert_true(mean_strain(&f, 0.01, 1000.0) < mean_strain(&f, 1.0, 1.0));
+        free_fixture(&f);
+    }
+}
+
 int main(void) {
     static bool turned = true;
     const struct CMUnitTest tests[] = {
@@ -584,6 +614,7 @@ int main(void) {
         {"stops_at_a_stationary_point, turned", stops_at_a_stationary_point, NULL, NULL, &turned},
         cmocka_unit_test(pruning_beats_cutting),
         cmocka_unit_test(follows_the_proxy),
+        cmocka_unit_test(lengths_are_kept_as_asked),
     };
     return cmocka_run_group_tests_name("skin_solver", tests, NULL, NULL);
 }

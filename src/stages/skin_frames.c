@@ -198,7 +198,7 @@ static bool build_shares(pci_scratch *scratch, const uint32_t *vertices, pci_ski
     const size_t nv = w->problem->vertex_count, rows = w->patch_rows[w->patch_count];
     w->share_offsets = PCI_SCRATCH(scratch, uint32_t, nv + 2);
     w->shares = PCI_SCRATCH(scratch, uint32_t, rows);
-    if (scratch->failed) {
+    if (scratch->failed || (vertices == NULL && rows > 0)) {
         return false;
     }
     // Counting sort; while it runs, share_offsets[v + 1] is where the next row of v goes.

@@ -397,7 +397,7 @@ pc_status pc_voxelize(pc_context *context, const pc_mesh *surface,
         return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage, "%s: grid is NULL or not empty",
                         stage);
     }
-    pc_voxelize_options chosen;
+    pc_voxelize_options chosen = {0};
     pc_voxelize_report result = {0};
     pci_bvh *bvh = NULL;
     pc_status status = pci_check_mesh(context, stage, surface, "visual mesh");

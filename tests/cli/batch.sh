@@ -1,28 +1,15 @@
 #!/bin/sh
 # batch: broken files among good ones, what is up to date, interruption, shards, limits, manifests.
 # usage: batch.sh PROXYCLOTH
-set -u
-work=$(mktemp -d) || exit 1
-trap 'rm -rf "$work"' EXIT
-cp "$1" "$work/proxycloth" || exit 1
-program=$work/proxycloth # a path that tells our processes from others
-cd "$work" || exit 1
-failures=0
-
-fail() {
-    echo "FAILED: $1"
-    sed 's/^/    /' stderr
-    failures=$((failures + 1))
-}
+. "$(dirname "$0")/common.sh"
+own_program
 
 # batch CODE ARGUMENTS...: stdout keeps the lines.
 quick="--voxels 8 --vertices 20 --frames 2 --epochs 1 --no-png"
 batch() {
     code=$1
     shift
-    "$program" batch $quick "$@" >stdout 2>stderr </dev/null
-    actual=$?
-    [ "$actual" -eq "$code" ] || fail "exit code $actual, expected $code: $*"
+    run "$code" batch $quick "$@"
 }
 
 # line ID PATTERN: the garment's line matches; lines NUMBER PATTERN: so many lines do.
@@ -50,18 +37,6 @@ listing() { # names, times and contents of all files
     find "$1" -type f -exec ls -l --time-style=full-iso {} + | LC_ALL=C sort -k 9
 }
 
-sheet() { # sheet SIZE: a bent sheet of SIZE by SIZE quads
-    awk -v n="$1" 'BEGIN {
-        for (j = 0; j <= n; ++j) for (i = 0; i <= n; ++i)
-            printf "v %.6f %.6f %.6f\n", i / n, j / n, 0.2 * sin(3 * i / n)
-        for (j = 0; j < n; ++j) for (i = 0; i < n; ++i) {
-            a = j * (n + 1) + i + 1
-            printf "f %d %d %d %d\n", a, a + 1, a + n + 2, a + n + 1
-        }
-    }'
-}
-
-touch stderr
 mkdir -p in/coats in/hats/old in/.hidden
 sheet 6 >in/cape.obj
 sheet 7 >in/coats/long.obj
@@ -281,4 +256,4 @@ for signal in KILL INT TERM; do
     rm -r stopped
 done
 
-[ "$failures" -eq 0 ] || exit 1
+finish

@@ -2,20 +2,9 @@
 # Wrong usage and bad input: exit code, one line on stderr, no file left behind.
 # usage: errors.sh PROXYCLOTH FIXTURES ALTER_ASSET
 # Passes as root too: folders that cannot be written are made by a file in their way.
-set -u
-program=$1
+. "$(dirname "$0")/common.sh"
 fixtures=$2
 alter_asset=$3
-work=$(mktemp -d) || exit 1
-trap 'rm -rf "$work"' EXIT
-cd "$work" || exit 1
-failures=0
-
-fail() {
-    echo "FAILED: $1"
-    sed 's/^/    /' stderr
-    failures=$((failures + 1))
-}
 
 # expect CODE PATTERN ARGUMENTS...: the program must exit with CODE, print one line that matches the
 # extended regular expression, print nothing on stdout, and leave the folder as it was.
@@ -247,4 +236,4 @@ answer '"hausdorff":.0' evaluate cloth.obj cloth.obj --json
 answer "^name +cloth" info cloth.h5
 answer '"visual_triangles":.2' info --json cloth.h5
 
-[ "$failures" -eq 0 ] || exit 1
+finish

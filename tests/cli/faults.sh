@@ -3,30 +3,12 @@
 # written. Afterwards every file is the complete old one or the complete new one, and a run on top
 # of it completes and tidies up.
 # usage: faults.sh PROXYCLOTH [KILLS [SEED]]
-set -u
+. "$(dirname "$0")/common.sh"
+own_program
 kills=${2:-2}
 seed=${3:-1}
-work=$(mktemp -d) || exit 1
-trap 'rm -rf "$work"' EXIT
-cp "$1" "$work/proxycloth" || exit 1
-program=$work/proxycloth # a path that tells our processes from others
-cd "$work" || exit 1
-failures=0
 
-fail() {
-    echo "FAILED: $1"
-    failures=$((failures + 1))
-}
-
-awk 'BEGIN {
-    n = 20
-    for (j = 0; j <= n; ++j) for (i = 0; i <= n; ++i)
-        printf "v %.6f %.6f %.6f\n", i / n, j / n, 0.2 * sin(3 * i / n)
-    for (j = 0; j < n; ++j) for (i = 0; i < n; ++i) {
-        a = j * (n + 1) + i + 1
-        printf "f %d %d %d %d\n", a, a + 1, a + n + 2, a + n + 1
-    }
-}' >cape.obj
+sheet 20 >cape.obj
 cp cape.obj coat.obj
 
 quick="--voxels 8 --frames 4 --epochs 2 --no-png --quiet"
@@ -142,4 +124,4 @@ else
     echo "skipped: a folder of another user, which the program cannot be run as"
 fi
 
-[ "$failures" -eq 0 ] || exit 1
+finish

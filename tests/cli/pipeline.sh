@@ -1,27 +1,7 @@
 #!/bin/sh
 # Whole runs: build, the stages one by one, export, choice of parts, failure and interruption.
 # usage: pipeline.sh PROXYCLOTH
-set -u
-program=$1
-work=$(mktemp -d) || exit 1
-trap 'rm -rf "$work"' EXIT
-cd "$work" || exit 1
-failures=0
-
-fail() {
-    echo "FAILED: $1"
-    sed 's/^/    /' stderr
-    failures=$((failures + 1))
-}
-
-# run CODE ARGUMENTS...
-run() {
-    code=$1
-    shift
-    "$program" "$@" >stdout 2>stderr </dev/null
-    actual=$?
-    [ "$actual" -eq "$code" ] || fail "exit code $actual, expected $code: $*"
-}
+. "$(dirname "$0")/common.sh"
 
 same() {
     cmp "$1" "$2" >stderr 2>&1 || fail "$1 and $2 differ"
@@ -53,7 +33,6 @@ awk 'BEGIN {
         printf "f %d %d %d %d\n", a, a + 1, a + 14, a + 13
     }
 }' >outfit.obj
-touch stderr
 
 # Options: preset < file < command line; what is printed reads back as the same.
 printf '{"preset": "mobile", "seed": 7, "vertices": 96, "simplify": {"seed": 8}, "threads": 2}' >o.json
@@ -275,4 +254,4 @@ for signals in INT TERM "INT TERM"; do
     [ "$(wc -l <stderr)" -eq 1 ] || fail "not one line after $signals"
 done
 
-[ "$failures" -eq 0 ] || exit 1
+finish

@@ -1,26 +1,13 @@
 #!/bin/sh
 # regress: what got worse, by garment and measure. usage: regress.sh PROXYCLOTH
-set -u
-program=$1
-work=$(mktemp -d) || exit 1
-trap 'rm -rf "$work"' EXIT
-cd "$work" || exit 1
-failures=0
-
-fail() {
-    echo "FAILED: $1"
-    cat stdout stderr | sed 's/^/    /'
-    failures=$((failures + 1))
-}
+. "$(dirname "$0")/common.sh"
 
 # regress CODE LAST_LINE ARGUMENTS...
 regress() {
     code=$1
     last=$2
     shift 2
-    "$program" regress "$@" >stdout 2>stderr
-    actual=$?
-    [ "$actual" -eq "$code" ] || fail "exit code $actual, expected $code: $*"
+    run "$code" regress "$@"
     [ -z "$last" ] || [ "$(tail -n 1 stdout)" = "$last" ] || fail "not \"$last\": $*"
 }
 printed() {
@@ -30,16 +17,8 @@ printed() {
 # Reports of real garments: the same folder, and the table that is made of it.
 mkdir in
 for n in 4 5; do
-    awk -v n=$n 'BEGIN {
-        for (j = 0; j <= n; ++j) for (i = 0; i <= n; ++i)
-            printf "v %.6f %.6f %.6f\n", i / n, j / n, 0.2 * sin(3 * i / n)
-        for (j = 0; j < n; ++j) for (i = 0; i < n; ++i) {
-            a = j * (n + 1) + i + 1
-            printf "f %d %d %d %d\n", a, a + 1, a + n + 2, a + n + 1
-        }
-    }' >in/sheet$n.obj
+    sheet $n >in/sheet$n.obj
 done
-touch stdout
 "$program" batch in -o out --voxels 8 --vertices 20 --frames 2 --epochs 1 --no-png >/dev/null \
     2>stderr || fail "batch"
 regress 0 "2 garments compared: 0 worse; 0 missing, 0 new" out out
@@ -130,4 +109,4 @@ for text in '{"hausdorff": 1}' '{"hausdorff": {"absolute": -1}}' '{"hausdorff": 
 done
 bad 3 "t2.json: No such file" before now --tolerances t2.json
 
-[ "$failures" -eq 0 ] || exit 1
+finish

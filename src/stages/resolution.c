@@ -69,7 +69,7 @@ static uint64_t settled_tunnels(const level_result *results, size_t count, size_
 
 pc_status pci_choose_voxels(pc_context *context, const pc_mesh *surface, const pci_bvh *bvh,
                             pc_voxelize_report *report) {
-    level_result results[LEVEL_COUNT];
+    level_result results[LEVEL_COUNT] = {0};
     size_t count = 0;
     double least = INFINITY, second_least = INFINITY; // the least one may be an accident as well
 

@@ -134,8 +134,8 @@ static pc_status select_body(pci_scratch *scratch, const pc_simulate_inputs *inp
 // The one or two joints with the largest weights on a triangle of the body.
 static void label_triangle(const pc_character *character, size_t triangle, size_t fixed,
                            uint32_t labels[2]) {
-    uint32_t joints[12];
-    double sums[12], total = 0.0;
+    uint32_t joints[12] = {0};
+    double sums[12] = {0.0}, total = 0.0;
     size_t count = 0;
     labels[0] = labels[1] = (uint32_t)fixed;
     for (size_t c = 0; c < 3; ++c) {

@@ -341,6 +341,39 @@ pci_closest pci_bvh_closest(const pci_bvh *bvh, const double point[3], double ra
     return closest;
 }
 
+typedef struct within_query {
+    const pc_mesh *mesh;
+    const double *point;
+    double radius;
+    bool found;
+} within_query;
+
+static bool visit_until_found(struct RTCPointQueryFunctionArguments *arguments) {
+    within_query *query = arguments->userPtr;
+    const uint32_t t = arguments->primID;
+    double barycentric[3];
+    if (query->found || !(sqrt(pci_triangle_squared_distance(
+                              query->point, corner(query->mesh, t, 0), corner(query->mesh, t, 1),
+                              corner(query->mesh, t, 2), barycentric)) <= query->radius)) {
+        return false;
+    }
+    query->found = true;
+    arguments->query->radius = 0.0F; // hardly anything is visited from now on
+    return true;
+}
+
+bool pci_bvh_within(const pci_bvh *bvh, const double point[3], double radius) {
+    within_query query = {bvh->mesh, point, radius, false};
+    if (radius >= 0.0 && isfinite(point[0] + point[1] + point[2])) {
+        double slack = 0.0;
+        struct RTCPointQuery search = search_around(bvh, point, radius, &slack);
+        struct RTCPointQueryContext search_context;
+        rtcInitPointQueryContext(&search_context);
+        rtcPointQuery(bvh->scene, &search, &search_context, visit_until_found, &query);
+    }
+    return query.found;
+}
+
 pci_closest pci_bvh_closest_near(const pci_bvh *bvh, const double point[3], uint32_t hint) {
     double radius = INFINITY, barycentric[3];
     if (hint != PC_INVALID_INDEX) {

@@ -29,7 +29,10 @@ typedef struct pci_closest {
 // The closest point of the mesh within `radius` (INFINITY allowed).
 pci_closest pci_bvh_closest(const pci_bvh *bvh, const double point[3], double radius);
 
-// The same within any radius, but much quicker where triangle `hint` is near: a search among
+// Whether any point of the mesh is within `radius`; quicker, since the first one will do.
+bool pci_bvh_within(const pci_bvh *bvh, const double point[3], double radius);
+
+// The closest point within any radius, but much quicker where triangle `hint` is near: a search among
 // neighbours hands on what it found last. PC_INVALID_INDEX: no idea.
 pci_closest pci_bvh_closest_near(const pci_bvh *bvh, const double point[3], uint32_t hint);
 

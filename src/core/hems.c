@@ -68,8 +68,7 @@ static void probe_sides(void *user, size_t begin, size_t end, uint32_t worker) {
                 probe[k] = 0.5 * (ends[k] + ends[3 + k]) - p->reach * inward[k];
             }
             memcpy(&p->all->inwards[3 * (first + j)], inward, sizeof(inward));
-            p->open[first + j] =
-                pci_bvh_closest(p->bvh, probe, 0.5 * p->reach).triangle == PC_INVALID_INDEX;
+            p->open[first + j] = !pci_bvh_within(p->bvh, probe, 0.5 * p->reach);
         }
     }
 }
@@ -119,7 +118,9 @@ bool pci_find_hems(pci_scratch *scratch, const pc_mesh *mesh, const pci_bvh *bvh
         return false;
     }
     probing p = {mesh, bvh, reach, sides, offsets, hems, open};
-    pci_parallel_for(scratch->context, free_count, 64, probe_sides, &p);
+    if (!pci_parallel_while_wanted(scratch->context, free_count, 64, probe_sides, &p)) {
+        return false;
+    }
     for (size_t i = 0; i < pieces; ++i) {
         if (open[i]) {
             memmove(&hems->points[6 * hems->count], &hems->points[6 * i], 6 * sizeof(double));

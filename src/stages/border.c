@@ -331,7 +331,7 @@ static bool prepare(pci_scratch *scratch, const pc_mesh *surface, double cell_si
     if (scratch->failed || !pci_topology_build_watched(scratch, s->layer, &s->topology) ||
         !pci_boundary_loops(scratch, s->layer, &s->topology, &s->loop_count, &s->offsets,
                             &s->loops) ||
-        !pci_find_hems(scratch, surface, s->surface, cell_size, &s->hems)) {
+        (s->loop_count > 0 && !pci_find_hems(scratch, surface, s->surface, cell_size, &s->hems))) {
         return false;
     }
     uint32_t *segments = PCI_SCRATCH(scratch, uint32_t, 3 * s->hems.count);

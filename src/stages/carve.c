@@ -83,9 +83,8 @@ static void count_covered(void *user, size_t begin, size_t end, uint32_t worker)
     (void)worker;
     const coverage_job *job = user;
     for (size_t v = begin; v < end; ++v) {
-        const pci_closest closest =
-            pci_bvh_closest(job->layer, &job->surface->positions[3 * v], job->radius);
-        job->covered[begin / grain] += closest.triangle != PC_INVALID_INDEX;
+        job->covered[begin / grain] +=
+            pci_bvh_within(job->layer, &job->surface->positions[3 * v], job->radius);
     }
 }
 

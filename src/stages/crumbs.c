@@ -90,7 +90,7 @@ static pc_status find_distant(const sorting *s, double reach, uint8_t *distant) 
         const uint32_t part = s->part[i / 3];
         if (s->small[part] && !distant[part]) {
             const double *point = &s->layer->positions[3 * (size_t)s->layer->triangles[i]];
-            distant[part] = pci_bvh_closest(bvh, point, reach).triangle == PC_INVALID_INDEX;
+            distant[part] = !pci_bvh_within(bvh, point, reach);
         }
     }
     pci_bvh_destroy(scratch->context, bvh);

@@ -89,7 +89,7 @@ static uint32_t find_near(const hiding *h, uint32_t component, const double poin
         if (h->parts[i].component == component) {
             break; // the others are not larger
         }
-        if (pci_bvh_closest(h->bvh[i], point, h->reach).triangle != PC_INVALID_INDEX) {
+        if (pci_bvh_within(h->bvh[i], point, h->reach)) {
             near |= UINT32_C(1) << i;
         }
     }

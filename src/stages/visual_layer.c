@@ -76,9 +76,7 @@ static void find_missed(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const cover_job *job = user;
     for (size_t v = begin; v < end; ++v) {
-        job->missed[v] =
-            pci_bvh_closest(job->layer, &job->surface->positions[3 * v], job->reach).triangle ==
-            PC_INVALID_INDEX;
+        job->missed[v] = !pci_bvh_within(job->layer, &job->surface->positions[3 * v], job->reach);
     }
 }
 

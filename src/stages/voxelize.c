@@ -114,7 +114,7 @@ static void test_blocks(void *user, size_t begin, size_t end, uint32_t worker) {
     for (size_t i = begin; i < end; ++i) {
         double centre[3];
         block_centre(v, &v->blocks[i], centre);
-        v->keep[i] = pci_bvh_closest(v->bvh, centre, radius).triangle != PC_INVALID_INDEX;
+        v->keep[i] = pci_bvh_within(v->bvh, centre, radius);
     }
 }
 

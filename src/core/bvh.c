@@ -257,6 +257,12 @@ double pci_triangle_squared_distance(const double point[3], const double a[3], c
     return best;
 }
 
+static double distance2_to(const pc_mesh *mesh, uint32_t t, const double point[3],
+                           double barycentric[3]) {
+    return pci_triangle_squared_distance(point, corner(mesh, t, 0), corner(mesh, t, 1),
+                                         corner(mesh, t, 2), barycentric);
+}
+
 typedef struct closest_query {
     const pci_bvh *bvh;
     const double *point;
@@ -272,8 +278,7 @@ static bool visit_triangle(struct RTCPointQueryFunctionArguments *arguments) {
     const pc_mesh *mesh = query->bvh->mesh;
     const uint32_t t = arguments->primID;
     double barycentric[3] = {0};
-    const double distance2 = pci_triangle_squared_distance(
-        query->point, corner(mesh, t, 0), corner(mesh, t, 1), corner(mesh, t, 2), barycentric);
+    const double distance2 = distance2_to(mesh, t, query->point, barycentric);
     if (distance2 > query->distance2 || (distance2 == query->distance2 && t > query->triangle)) {
         return false;
     }
@@ -312,6 +317,18 @@ static struct RTCPointQuery search_around(const pci_bvh *bvh, const double point
     return search;
 }
 
+// Calls `visit` for the triangles that may be within `radius`. `slack` is set before.
+static void visit_around(const pci_bvh *bvh, const double point[3], double radius,
+                         RTCPointQueryFunction visit, void *user, double *slack) {
+    if (!(radius >= 0.0) || !isfinite(point[0] + point[1] + point[2])) {
+        return;
+    }
+    struct RTCPointQuery search = search_around(bvh, point, radius, slack);
+    struct RTCPointQueryContext search_context;
+    rtcInitPointQueryContext(&search_context);
+    rtcPointQuery(bvh->scene, &search, &search_context, visit, user);
+}
+
 pci_closest pci_bvh_closest(const pci_bvh *bvh, const double point[3], double radius) {
     pci_closest closest = {.triangle = PC_INVALID_INDEX};
     closest_query query = {.bvh = bvh,
@@ -319,14 +336,7 @@ pci_closest pci_bvh_closest(const pci_bvh *bvh, const double point[3], double ra
                            .radius = radius,
                            .distance2 = INFINITY,
                            .triangle = PC_INVALID_INDEX};
-    if (!(radius >= 0.0) || !isfinite(point[0] + point[1] + point[2])) {
-        return closest;
-    }
-    struct RTCPointQuery search = search_around(bvh, point, radius, &query.slack);
-    struct RTCPointQueryContext search_context;
-    rtcInitPointQueryContext(&search_context);
-    rtcPointQuery(bvh->scene, &search, &search_context, visit_triangle, &query);
-
+    visit_around(bvh, point, radius, visit_triangle, &query, &query.slack);
     if (query.triangle != PC_INVALID_INDEX) {
         closest.triangle = query.triangle;
         closest.distance = sqrt(query.distance2);
@@ -352,9 +362,8 @@ static bool visit_until_found(struct RTCPointQueryFunctionArguments *arguments) 
     within_query *query = arguments->userPtr;
     const uint32_t t = arguments->primID;
     double barycentric[3];
-    if (query->found || !(sqrt(pci_triangle_squared_distance(
-                              query->point, corner(query->mesh, t, 0), corner(query->mesh, t, 1),
-                              corner(query->mesh, t, 2), barycentric)) <= query->radius)) {
+    if (query->found ||
+        !(sqrt(distance2_to(query->mesh, t, query->point, barycentric)) <= query->radius)) {
         return false;
     }
     query->found = true;
@@ -364,22 +373,15 @@ static bool visit_until_found(struct RTCPointQueryFunctionArguments *arguments) 
 
 bool pci_bvh_within(const pci_bvh *bvh, const double point[3], double radius) {
     within_query query = {bvh->mesh, point, radius, false};
-    if (radius >= 0.0 && isfinite(point[0] + point[1] + point[2])) {
-        double slack = 0.0;
-        struct RTCPointQuery search = search_around(bvh, point, radius, &slack);
-        struct RTCPointQueryContext search_context;
-        rtcInitPointQueryContext(&search_context);
-        rtcPointQuery(bvh->scene, &search, &search_context, visit_until_found, &query);
-    }
+    double slack = 0.0;
+    visit_around(bvh, point, radius, visit_until_found, &query, &slack);
     return query.found;
 }
 
 pci_closest pci_bvh_closest_near(const pci_bvh *bvh, const double point[3], uint32_t hint) {
     double radius = INFINITY, barycentric[3];
     if (hint != PC_INVALID_INDEX) {
-        radius = sqrt(pci_triangle_squared_distance(point, corner(bvh->mesh, hint, 0),
-                                                    corner(bvh->mesh, hint, 1),
-                                                    corner(bvh->mesh, hint, 2), barycentric));
+        radius = sqrt(distance2_to(bvh->mesh, hint, point, barycentric));
     }
     return pci_bvh_closest(bvh, point, radius);
 }
@@ -403,9 +405,7 @@ static bool collect_triangle(struct RTCPointQueryFunctionArguments *arguments) {
         within = pci_squared_distance(found->point, corner(mesh, t, c)) <= found->squared_radius;
     }
     if (found->count <= found->capacity &&
-        (within ||
-         pci_triangle_squared_distance(found->point, corner(mesh, t, 0), corner(mesh, t, 1),
-                                       corner(mesh, t, 2), barycentric) <= found->squared_radius)) {
+        (within || distance2_to(mesh, t, found->point, barycentric) <= found->squared_radius)) {
         if (found->count < found->capacity) {
             found->triangles[found->count] = t;
         }
@@ -420,19 +420,13 @@ static bool collect_triangle(struct RTCPointQueryFunctionArguments *arguments) {
 
 size_t pci_bvh_collect(const pci_bvh *bvh, const double point[3], double radius, size_t capacity,
                        uint32_t *triangles) {
-    if (!(radius >= 0.0) || !isfinite(point[0] + point[1] + point[2])) {
-        return 0;
-    }
     collection found = {.mesh = bvh->mesh,
                         .point = point,
                         .squared_radius = radius * radius,
                         .capacity = capacity,
                         .triangles = triangles};
     double slack = 0.0;
-    struct RTCPointQuery search = search_around(bvh, point, radius, &slack);
-    struct RTCPointQueryContext search_context;
-    rtcInitPointQueryContext(&search_context);
-    rtcPointQuery(bvh->scene, &search, &search_context, collect_triangle, &found);
+    visit_around(bvh, point, radius, collect_triangle, &found, &slack);
     return found.count;
 }
 

@@ -2,7 +2,6 @@
 
 #include "core/core.h"
 #include "core/render.h"
-#include "core/rotation.h"
 #include "core/topology.h"
 #include "io/lettering.h"
 #include "io/pictures.h"
@@ -285,16 +284,10 @@ static bool draw_frame(sheet *s, size_t i, const pc_mesh *skinned, const pc_mesh
 // The skinned visual mesh, all frames with one camera.
 static pc_status draw_frames(sheet *s) {
     const pc_asset *a = s->asset;
-    const pc_mesh *surface = &a->visual.surface;
-    pc_status status = PC_OK;
     pci_scratch scratch = pci_scratch_begin(s->context);
-    pc_mesh skinned = *surface, proxy = a->proxy;
-    skinned.positions = PCI_SCRATCH(&scratch, double, 3 * surface->vertex_count);
-    double *rotations = NULL;
-    status = scratch.failed
-                 ? pci_fail_memory(s->context, stage)
-                 : pci_rotations_of_motion(&scratch, stage, &a->proxy, &a->motion,
-                                           a->skin.skinning == PC_SKINNING_ROTATION, &rotations);
+    pc_mesh proxy = a->proxy;
+    pci_posed posed;
+    pc_status status = pci_pose_begin(&scratch, stage, a, &posed);
     if (status != PC_OK) {
         goto cleanup;
     }
@@ -304,13 +297,12 @@ static pc_status draw_frames(sheet *s) {
         for (size_t i = 0; i < s->frame_count && status == PC_OK; ++i) {
             const size_t frame = shown_frame(s, i);
             proxy.positions = &a->motion.positions[3 * frame * a->motion.vertex_count];
-            pc_skin_deform(&a->skin, surface->positions, a->proxy.positions, proxy.positions,
-                           pci_rotations_at(rotations, &a->motion, frame), skinned.positions);
+            pci_pose_frame(&posed, frame);
             if (pass == 0) {
-                pci_extend_view(&camera, &skinned, extent);
+                pci_extend_view(&camera, &posed.mesh, extent);
             } else if (!advance(s, s->exhibit_count + i)) {
                 status = pci_fail_cancelled(s->context, stage);
-            } else if (!draw_frame(s, i, &skinned, &proxy, &camera)) {
+            } else if (!draw_frame(s, i, &posed.mesh, &proxy, &camera)) {
                 status = pci_fail_memory(s->context, stage);
             }
         }

@@ -2,6 +2,7 @@
 
 #include <stdio.h>
 
+#include "core/rotation.h"
 #include "core/topology.h"
 #include "io/lettering.h"
 
@@ -50,6 +51,23 @@ uint32_t pci_up_axis_of(const pc_asset *asset) {
     const bool known = asset->stage_count > PC_STAGE_SIMULATE;
     const uint32_t axis = known ? asset->options.simulate.up_axis : defaults.simulate.up_axis;
     return axis < 3 ? axis : 1;
+}
+
+pc_status pci_pose_begin(pci_scratch *scratch, const char *stage, const pc_asset *asset,
+                         pci_posed *posed) {
+    *posed = (pci_posed){.asset = asset, .mesh = asset->visual.surface};
+    posed->mesh.positions = PCI_SCRATCH(scratch, double, 3 * posed->mesh.vertex_count);
+    return scratch->failed ? pci_fail_memory(scratch->context, stage)
+                           : pci_rotations_of_motion(scratch, stage, &asset->proxy, &asset->motion,
+                                                     asset->skin.skinning == PC_SKINNING_ROTATION,
+                                                     &posed->rotations);
+}
+
+void pci_pose_frame(pci_posed *posed, size_t frame) {
+    const pc_asset *a = posed->asset;
+    pc_skin_deform(&a->skin, a->visual.surface.positions, a->proxy.positions,
+                   &a->motion.positions[3 * frame * a->motion.vertex_count],
+                   pci_rotations_at(posed->rotations, &a->motion, frame), posed->mesh.positions);
 }
 
 // ---- bones --------------------------------------------------------------------------------------

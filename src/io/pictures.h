@@ -23,8 +23,21 @@ void pci_aim_camera(pci_camera *camera, const double extent[4], size_t tile);
 // The asset's up axis; the default before it is simulated.
 uint32_t pci_up_axis_of(const pc_asset *asset);
 
-// ---- colours, linear
-// ------------------------------------------------------------------------------
+// ---- the garment in motion ----------------------------------------------------------------------
+
+// The visual mesh as the weights and a frame of the motion pose it.
+typedef struct pci_posed {
+    const pc_asset *asset;
+    pc_mesh mesh;      // triangles are those of the asset
+    double *rotations; // of the proxy in all frames; NULL: weights that do not turn
+} pci_posed;
+
+// Memory comes from scratch. The pose is undefined until pci_pose_frame.
+PC_NODISCARD pc_status pci_pose_begin(pci_scratch *scratch, const char *stage,
+                                      const pc_asset *asset, pci_posed *posed);
+void pci_pose_frame(pci_posed *posed, size_t frame);
+
+// ---- colours, linear ----------------------------------------------------------------------------
 
 // A colour for each proxy vertex, unlike those of the vertices up to two edges away. #P by 3, from
 // scratch; NULL: out of memory.

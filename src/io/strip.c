@@ -3,7 +3,6 @@
 
 #include "core/core.h"
 #include "core/render.h"
-#include "core/rotation.h"
 #include "io/lettering.h"
 #include "io/pictures.h"
 #include "io/png_image.h"
@@ -125,16 +124,9 @@ static bool draw_frame(strip *s, size_t column, const pc_mesh *skinned, const pc
 // Frames at equal distances up to the last one, all with one camera.
 static pc_status draw_frames(strip *s) {
     const pc_asset *a = s->asset;
-    const pc_mesh *surface = &a->visual.surface;
-    pc_status status = PC_OK;
     pci_scratch scratch = pci_scratch_begin(s->context);
-    pc_mesh skinned = *surface;
-    skinned.positions = PCI_SCRATCH(&scratch, double, 3 * surface->vertex_count);
-    double *rotations = NULL;
-    status = scratch.failed
-                 ? pci_fail_memory(s->context, stage)
-                 : pci_rotations_of_motion(&scratch, stage, &a->proxy, &a->motion,
-                                           a->skin.skinning == PC_SKINNING_ROTATION, &rotations);
+    pci_posed posed;
+    pc_status status = pci_pose_begin(&scratch, stage, a, &posed);
     if (status != PC_OK) {
         goto cleanup;
     }
@@ -145,14 +137,12 @@ static pc_status draw_frames(strip *s) {
             // With fewer frames than pictures some appear twice.
             const size_t frame =
                 ((i + 1) * a->motion.frame_count + s->columns - 1) / s->columns - 1;
-            pc_skin_deform(&a->skin, surface->positions, a->proxy.positions,
-                           &a->motion.positions[3 * frame * a->motion.vertex_count],
-                           pci_rotations_at(rotations, &a->motion, frame), skinned.positions);
+            pci_pose_frame(&posed, frame);
             if (pass == 0) {
-                pci_extend_view(&camera, &skinned, extent);
+                pci_extend_view(&camera, &posed.mesh, extent);
             } else if (!advance(s, s->columns + i)) {
                 status = pci_fail_cancelled(s->context, stage);
-            } else if (!draw_frame(s, i, &skinned, &camera)) {
+            } else if (!draw_frame(s, i, &posed.mesh, &camera)) {
                 status = pci_fail_memory(s->context, stage);
             }
         }

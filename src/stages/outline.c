@@ -581,7 +581,7 @@ static bool find_regions(const cutting *given, const pci_knn *focus, double reac
                          pci_scratch *scratch, const pc_mesh *layer, outline *o, cutting *c) {
     // Finer than an eighth of a voxel there is nothing to see, and a layer that runs near the
     // threshold everywhere would be refined everywhere.
-    const double shortest = fmax(0.5 * given->threshold, 0.125 * given->cell_size);
+    const double shortest = fmax(0.5 * given->threshold, PCI_EFFORT(0.125, 0.5) * given->cell_size);
     *c = *given;
     *o = (outline){.visual = c->visual, .focus = focus, .reach = reach};
     o->normals = PCI_SCRATCH(scratch, double, 3 * layer->vertex_count);

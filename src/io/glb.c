@@ -6,6 +6,7 @@
 
 #include "core/rotation.h"
 #include "core/topology.h"
+#include "core/transfer.h"
 #include "io/asset_table.h"
 #include "io/atomic_file.h"
 #include "io/glb_writer.h"
@@ -430,7 +431,7 @@ static void add_visual_mesh(pci_glb *glb) {
     double *smooth_normals = PCI_SCRATCH(scratch, double, 3 * visual->surface.vertex_count);
     packed_weights packed = {.whole = weight_whole(glb)};
     pc_skin mixed = glb->asset->skin;
-    pci_glb_mix_body(glb, &mixed);
+    (void)pci_mix_weights(scratch, &glb->body, glb->asset->proxy.vertex_count, &mixed);
     if (scratch->failed) {
         return;
     }

@@ -5,10 +5,8 @@
 
 #include <errno.h>
 #include <math.h>
-#include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include <assimp/cimport.h>
 #include <assimp/config.h>
@@ -22,51 +20,6 @@ typedef struct corner_data {
     float normal[3], texcoord[2], color[4];
     uint32_t zero;
 } corner_data;
-
-// ---- errors and memory --------------------------------------------------------------------------
-
-static void write_all(int descriptor, const void *bytes, size_t size) {
-    const char *at = bytes;
-    while (size != 0) {
-        const ssize_t count = write(descriptor, at, size);
-        if (count < 0 && errno != EINTR) {
-            _exit(CLI_INTERNAL); // the parent is gone
-        }
-        at += count > 0 ? count : 0;
-        size -= count > 0 ? (size_t)count : 0;
-    }
-}
-
-_Noreturn void import_fail(scene_reader *reader, const char *format, ...) {
-    scene_failure failure = {.magic = SCENE_FAILURE_MAGIC};
-    va_list arguments;
-    va_start(arguments, format);
-    vsnprintf(failure.message, sizeof(failure.message), format, arguments);
-    va_end(arguments);
-    failure.out_of_memory = strstr(failure.message, "bad_alloc") != NULL ||
-                            strstr(failure.message, "length_error") != NULL;
-    write_all(reader->descriptor, &failure, sizeof(failure));
-    _exit(CLI_INPUT);
-}
-
-void *import_grow(scene_reader *reader, void *array, size_t *capacity, size_t needed, size_t size) {
-    if (needed <= *capacity) {
-        return array;
-    }
-    size_t grown = 2 * *capacity < needed ? needed : 2 * *capacity;
-    char *memory = grown < SIZE_MAX / 2 / size ? realloc(array, grown * size) : NULL;
-    if (memory == NULL) {
-        import_fail(reader, "bad_alloc");
-    }
-    memset(memory + *capacity * size, 0, (grown - *capacity) * size);
-    *capacity = grown;
-    return memory;
-}
-
-void *import_allocate(scene_reader *reader, size_t count, size_t size) {
-    size_t capacity = 0;
-    return import_grow(reader, NULL, &capacity, count + 1, size);
-}
 
 // ---- units and axes -----------------------------------------------------------------------------
 
@@ -515,10 +468,10 @@ static void send(scene_reader *reader) {
                               {s->vertex_joints, h->vertex_count * 4 * sizeof(uint32_t)},
                               {s->vertex_weights, h->vertex_count * 4 * sizeof(float)}};
     const char zeros[8] = {0};
-    write_all(reader->descriptor, &s->header, sizeof(s->header));
+    import_write(reader->descriptor, &s->header, sizeof(s->header));
     for (size_t i = 0; i < SCENE_ARRAYS; ++i) {
-        write_all(reader->descriptor, arrays[i].array, arrays[i].size);
-        write_all(reader->descriptor, zeros, (size_t)(at[i + 1] - at[i]) - arrays[i].size);
+        import_write(reader->descriptor, arrays[i].array, arrays[i].size);
+        import_write(reader->descriptor, zeros, (size_t)(at[i + 1] - at[i]) - arrays[i].size);
     }
 }
 

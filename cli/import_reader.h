@@ -1,5 +1,5 @@
 // A scene that the import child is reading: what import_assimp.c (files, parts, materials) and
-// import_skeleton.c (nodes, joints, poses) share. Only these two know assimp.
+// import_skeleton.c (nodes, joints, poses) share. Only they know assimp.
 #ifndef CLI_IMPORT_READER_H
 #define CLI_IMPORT_READER_H
 
@@ -33,6 +33,8 @@ typedef struct scene_reader {
     size_t part_capacity, vertex_capacity, triangle_capacity;
 } scene_reader;
 
+// Writes all bytes to the parent; ends the process when nobody reads.
+void import_write(int descriptor, const void *bytes, size_t size);
 // Tells the parent what is wrong and ends the process.
 __attribute__((format(printf, 2, 3))) _Noreturn void import_fail(scene_reader *reader,
                                                                  const char *format, ...);

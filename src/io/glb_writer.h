@@ -1,4 +1,5 @@
-// A binary glTF file under construction: what glb.c shares with glb_body.c.
+// A binary glTF file under construction: its buffer (glb_writer.c) and what glb.c shares with
+// glb_body.c.
 #ifndef PCI_GLB_WRITER_H
 #define PCI_GLB_WRITER_H
 

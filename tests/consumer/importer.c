@@ -65,7 +65,7 @@ static int advance(garment *g, const double *pins) {
     for (size_t k = 0; k < 3 * g->joints; ++k) {
         g->proxy[k] = (float)positions[k];
     }
-    const pc_deform_input input = {.joints = g->proxy};
+    const pc_deform_input input = {.joints = g->proxy}; /* .bones too where --body-blend was used */
     const pc_deform_output output = {.positions = g->buffer,
                                      .position_stride = FLOATS * sizeof(float),
                                      .normals = g->buffer + 3,

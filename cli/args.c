@@ -259,38 +259,28 @@ static int match_text(const cli_command *command, cli_arguments *arguments, flag
 static int match_levels(const cli_command *command, pc_context *context, cli_arguments *arguments,
                         flag_word *flag) {
     const char *text = flag->value != NULL ? flag->value : flag->next;
-    if (strcmp(flag->name, "vertices") != 0 || flag->negated ||
+    pc_series *levels = &arguments->levels;
+    if (strcmp(flag->name, levels->name) != 0 || flag->negated ||
         (command->stages & 1u << PC_STAGE_SIMPLIFY) == 0) {
         return CLI_OK;
     }
-    arguments->level_count = 0;
+    levels->count = 0;
     if (text == NULL || strchr(text, ',') == NULL) {
         return CLI_OK;
     }
     text = take_value(flag);
     flag->known = true;
     const pc_field *field = pc_record_find(&pc_simplify_options_record, flag->name);
+    pc_simplify_options *options = &arguments->options.simplify;
     for (const char *at = text; at != NULL;) {
         char item[32] = {0};
         const size_t length = strcspn(at, ",");
         memcpy(item, at, length < sizeof(item) ? length : sizeof(item) - 1);
-        if (pc_field_set_text(context, "simplify", field, &arguments->options.simplify, item) !=
-            PC_OK) {
+        if (pc_field_set_text(context, "simplify", field, options, item) != PC_OK ||
+            pc_series_add(context, "simplify", field, options, levels) != PC_OK) {
             return cli_fail(command->name, CLI_USAGE, "--vertices: %s",
                             pc_context_error(context)->message);
         }
-        const uint32_t level = arguments->options.simplify.vertices;
-        for (size_t i = 0; i < arguments->level_count; ++i) {
-            if (arguments->levels[i] == level) {
-                return cli_fail(command->name, CLI_USAGE, "--vertices: %u is given twice",
-                                (unsigned)level);
-            }
-        }
-        if (arguments->level_count == CLI_MAXIMUM_LEVELS) {
-            return cli_fail(command->name, CLI_USAGE, "--vertices: more than %d levels",
-                            CLI_MAXIMUM_LEVELS);
-        }
-        arguments->levels[arguments->level_count++] = level;
         at = at[length] == ',' ? at + length + 1 : NULL;
     }
     return CLI_OK;
@@ -438,8 +428,9 @@ static int read_option_files(const cli_command *command, pc_context *context, in
 
 void cli_option_groups(cli_arguments *arguments, pc_option_group groups[CLI_OPTION_GROUPS]) {
     pc_option_groups(&arguments->options, groups);
+    groups[PC_STAGE_SIMPLIFY].series = &arguments->levels;
     groups[PC_STAGE_COUNT] =
-        (pc_option_group){"program", &cli_file_settings_record, &arguments->settings};
+        (pc_option_group){"program", &cli_file_settings_record, &arguments->settings, NULL};
 }
 
 int cli_print_options(const cli_command *command, cli_arguments *arguments) {
@@ -505,6 +496,7 @@ static int parse_words(const cli_command *command, pc_context *context, int coun
 int cli_parse(const cli_command *command, int count, char **words, cli_arguments *arguments) {
     memset(arguments, 0, sizeof(*arguments));
     arguments->options = pc_default_options();
+    arguments->levels.name = "vertices";
     pc_record_set_defaults(&cli_settings_record, &arguments->settings);
     pc_record_set_defaults(&pc_evaluate_motion_options_record, &arguments->motion);
     arguments->patterns = calloc((size_t)count + 1, sizeof(*arguments->patterns));

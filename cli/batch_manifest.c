@@ -97,11 +97,6 @@ static int take_options(const manifest_line *line, batch_job *job) {
                PC_OK) {
         code = cli_fail(command, CLI_USAGE, "%s", pc_context_error(context)->message);
     }
-    const cJSON *simplify = cJSON_GetObjectItemCaseSensitive(options, "simplify");
-    if (cJSON_HasObjectItem(options, "vertices") || cJSON_HasObjectItem(options, "preset") ||
-        cJSON_HasObjectItem(simplify, "vertices")) {
-        job->arguments.level_count = 0; // one level, not those of the command line
-    }
     cJSON_free(text);
     pc_context_destroy(context);
     return code;

@@ -116,7 +116,6 @@ static bool hash_options(const batch_job *job, char text[65]) {
     sha256_begin(&hash);
     sha256_add(&hash, options, strlen(options));
     cJSON_free(options);
-    sha256_add(&hash, arguments->levels, arguments->level_count * sizeof(arguments->levels[0]));
     for (size_t i = 0; i < arguments->pattern_count; ++i) {
         sha256_add(&hash, arguments->patterns[i], strlen(arguments->patterns[i]) + 1);
     }

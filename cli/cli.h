@@ -71,8 +71,6 @@ typedef enum cli_accepts {
     CLI_REGRESS = 1 << 14       // --tolerances, --changes
 } cli_accepts;
 
-enum { CLI_MAXIMUM_LEVELS = 16 };
-
 typedef struct cli_arguments {
     const char **inputs;
     size_t input_count;
@@ -90,8 +88,7 @@ typedef struct cli_arguments {
     cli_settings settings;
     pc_options options;
     pc_evaluate_motion_options motion;
-    uint32_t levels[CLI_MAXIMUM_LEVELS]; // --vertices 64,128: one result each
-    size_t level_count;                  // 0: one result, options.simplify.vertices
+    pc_series levels; // --vertices 64,128: one result each; empty: options.simplify.vertices
 } cli_arguments;
 
 typedef struct cli_command {

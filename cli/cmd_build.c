@@ -48,7 +48,7 @@ static void warn(const cli_command *command, const cli_arguments *arguments, con
     char place[sizeof(asset->name) + 32];
     snprintf(place, sizeof(place), "%s: %s", asset->name, stage);
     const bool several =
-        arguments->level_count > 0 || arguments->settings.parts == CLI_PARTS_SEPARATE;
+        arguments->levels.count > 0 || arguments->settings.parts == CLI_PARTS_SEPARATE;
     cli_warn_report(command->name, several ? place : stage, record, report);
 }
 
@@ -132,7 +132,7 @@ static void print_summary(const build_run *r) {
 }
 
 static int make_room(build_run *r, size_t garments) {
-    const size_t levels = r->arguments->level_count > 0 ? r->arguments->level_count : 1;
+    const size_t levels = r->arguments->levels.count > 0 ? r->arguments->levels.count : 1;
     r->assets = calloc(garments, sizeof(*r->assets));
     r->timings = calloc(garments, sizeof(*r->timings));
     r->results = calloc(garments * levels, sizeof(*r->results));
@@ -270,12 +270,12 @@ static int build(build_run *r) {
     for (size_t i = 0; i < r->garment_count && code == CLI_OK; ++i) {
         code = build_layer(r, i);
     }
-    const size_t levels = r->arguments->level_count;
+    const size_t levels = r->arguments->levels.count;
     if (code == CLI_OK && levels == 0) {
         code = build_level(r, r->arguments->options.simplify.vertices, 0);
     }
     for (size_t i = 0; i < levels && code == CLI_OK; ++i) {
-        code = build_level(r, r->arguments->levels[i], r->arguments->levels[i]);
+        code = build_level(r, r->arguments->levels.values[i], r->arguments->levels.values[i]);
     }
     if (code == CLI_OK) {
         code = cli_output_commit(r->command, r->output);

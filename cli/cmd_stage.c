@@ -71,11 +71,11 @@ static int run_levels(const cli_command *command, const cli_arguments *arguments
     char base[sizeof(asset->name)];
     memcpy(base, asset->name, sizeof(base));
     int code = CLI_OK;
-    for (size_t i = 0; i < arguments->level_count && code == CLI_OK; ++i) {
-        options.simplify.vertices = arguments->levels[i];
-        char *path = level_path(output, arguments->levels[i]);
+    for (size_t i = 0; i < arguments->levels.count && code == CLI_OK; ++i) {
+        options.simplify.vertices = arguments->levels.values[i];
+        char *path = level_path(output, arguments->levels.values[i]);
         code = path != NULL
-                   ? cli_extend_name(command, base, "lod", arguments->levels[i], asset->name)
+                   ? cli_extend_name(command, base, "lod", arguments->levels.values[i], asset->name)
                    : cli_fail(command->name, CLI_LIMIT, "memory ran out");
         if (code == CLI_OK) {
             code = run_and_save(command, context, &options, asset, arguments, path);
@@ -101,7 +101,7 @@ static int run(const cli_command *command, const cli_arguments *arguments, pc_co
         }
     }
     const char *output = arguments->output != NULL ? arguments->output : input;
-    if (arguments->level_count > 0) {
+    if (arguments->levels.count > 0) {
         return run_levels(command, arguments, context, asset, output);
     }
     return run_and_save(command, context, &arguments->options, asset, arguments, output);

@@ -3,40 +3,61 @@
 #include "core/core.h"
 #include "core/rotation.h"
 #include "core/topology.h"
+#include "core/transfer.h"
 #include "deform_kernel.h"
 
 static const char stage[] = "deform";
 
 #define LARGEST_JOINT_COUNT 65536
 #define LARGEST_INFLUENCES  32
+#define MAP                 16  // floats of a map
 #define PIECE               256 // vertices whose weights stay in the first cache for the normals
 
 struct pc_deformer {
-    size_t vertex_count, joint_count;
+    size_t vertex_count, joint_count, bone_count;
     const pci_deform_kernel *kernel;
     pci_deform_rows rows; // inside of `memory`
     char *memory;
     float *joint_positions;           // #J by 3
-    pc_rotation_estimator *estimator; // only where joints turn
-    bool affine;                      // they turn vertices, not normals only
+    pc_rotation_estimator *estimator; // where normals or joints turn
+    bool turning;                     // joints turn vertices, not normals only
 };
 
-// Where the parts of a pose are; pose memory may have any alignment.
+// Where the parts of a pose are; pose memory may have any alignment. A map is 4 columns by 4.
 typedef struct pose_parts {
-    float *displacements; // #J by 4
-    float *maps;          // #J by 16, only where joints turn: columns of R, p - R p(0)
+    float *turns;         // #J + #B maps, of normals; NULL: nothing turns
+    float *maps;          // #J + #B, of positions, `turns` where joints turn; NULL: they move only
+    float *displacements; // #J by 4, where there are no maps
 } pose_parts;
+
+// Sets the parts from `start` on; returns the floats that they take.
+static size_t lay_out(const pc_deformer *deformer, float *start, pose_parts *parts) {
+    const size_t table = MAP * (deformer->joint_count + deformer->bone_count);
+    const size_t turns = deformer->estimator != NULL ? table : 0;
+    *parts = (pose_parts){.turns = turns > 0 ? start : NULL};
+    if (deformer->turning) {
+        parts->maps = start;
+        return turns;
+    }
+    if (deformer->bone_count > 0) {
+        parts->maps = start + turns;
+        return turns + table;
+    }
+    parts->displacements = start + turns;
+    return turns + 4 * deformer->joint_count;
+}
 
 static pose_parts parts_of(const pc_deformer *deformer, const void *pose) {
     const size_t spare = 64 - (uintptr_t)pose % 64;
-    float *start = (float *)(void *)((char *)(uintptr_t)pose + spare);
-    const pose_parts parts = {start + 16 * deformer->joint_count, start};
-    return deformer->estimator != NULL ? parts : (pose_parts){start, NULL};
+    pose_parts parts;
+    (void)lay_out(deformer, (float *)(void *)((char *)(uintptr_t)pose + spare), &parts);
+    return parts;
 }
 
 size_t pc_deform_pose_size(const pc_deformer *deformer) {
-    const size_t floats = deformer->estimator != NULL ? 20 : 4;
-    return 64 + floats * sizeof(float) * deformer->joint_count;
+    float origin = 0.0F;
+    pose_parts parts;
+    return 64 + sizeof(float) * lay_out(deformer, &origin, &parts);
 }
 
 size_t pc_deform_vertex_count(const pc_deformer *deformer) { return deformer->vertex_count; }
@@ -63,12 +84,15 @@ static pc_status check_arrays(pc_context *context, const pc_deform_arrays *a) {
         return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage, "%s: there is no skinning %u",
                         stage, a->skinning);
     }
-    if (a->joint_count > LARGEST_JOINT_COUNT || a->influences > LARGEST_INFLUENCES ||
-        a->vertex_count > INT32_MAX || a->triangle_count > INT32_MAX / 3) {
+    if (a->joint_count > LARGEST_JOINT_COUNT ||
+        a->bone_count > LARGEST_JOINT_COUNT - a->joint_count ||
+        a->influences > LARGEST_INFLUENCES || a->vertex_count > INT32_MAX ||
+        a->triangle_count > INT32_MAX / 3) {
         return pci_fail(context, PC_ERROR_TOO_LARGE, stage,
-                        "%s: %zu vertices, %zu joints, %u influences; the limits are 2^31, %d, %d",
-                        stage, a->vertex_count, a->joint_count, a->influences, LARGEST_JOINT_COUNT,
-                        LARGEST_INFLUENCES);
+                        "%s: %zu vertices, %zu joints, %zu bones, %u influences; the limits are "
+                        "2^31, %d together, %d",
+                        stage, a->vertex_count, a->joint_count, a->bone_count, a->influences,
+                        LARGEST_JOINT_COUNT, LARGEST_INFLUENCES);
     }
     if (!all_finite(a->positions, 3 * a->vertex_count) ||
         (a->normals != NULL && !all_finite(a->normals, 3 * a->vertex_count)) ||
@@ -89,15 +113,16 @@ static pc_status check_arrays(pc_context *context, const pc_deform_arrays *a) {
 // Fills the blocks: positions, weights scaled to the sum 1; spare slots repeat the first joint.
 static pc_status pack_blocks(pc_context *context, const pc_deform_arrays *a,
                              const pci_deform_rows *rows, char *start) {
+    const size_t joint_count = a->joint_count + a->bone_count;
     for (size_t v = 0; v < a->vertex_count; ++v) {
         const float *weights = &a->weights[v * a->influences];
         const uint32_t *joints = &a->joints[v * a->influences];
         double sum = 0.0;
         for (uint32_t k = 0; k < a->influences; ++k) {
-            if (!(weights[k] >= 0.0F) || joints[k] >= a->joint_count) {
+            if (!(weights[k] >= 0.0F) || joints[k] >= joint_count) {
                 return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
                                 "%s: vertex %zu has weight %g for joint %u of %zu", stage, v,
-                                (double)weights[k], joints[k], a->joint_count);
+                                (double)weights[k], joints[k], joint_count);
             }
             sum += (double)weights[k];
         }
@@ -143,9 +168,10 @@ static pc_status build_estimator(pc_context *context, const pc_deform_arrays *a,
 static pc_status fill(pc_context *context, const pc_deform_arrays *a, pc_deformer *deformer) {
     const size_t blocks = (a->vertex_count + PCI_DEFORM_BLOCK - 1) / PCI_DEFORM_BLOCK;
     const bool normals = a->normals != NULL;
-    deformer->affine = a->skinning == PC_SKINNING_ROTATION;
+    deformer->turning = a->skinning == PC_SKINNING_ROTATION;
     deformer->vertex_count = a->vertex_count;
     deformer->joint_count = a->joint_count;
+    deformer->bone_count = a->bone_count;
     deformer->kernel = pci_deform_kernel_best();
     deformer->rows.set_count = (a->influences + PCI_DEFORM_SET - 1) / PCI_DEFORM_SET;
     const size_t bytes = blocks * pci_deform_block_bytes(&deformer->rows);
@@ -163,7 +189,7 @@ static pc_status fill(pc_context *context, const pc_deform_arrays *a, pc_deforme
         deformer->rows.normals = start + bytes;
         memcpy(start + bytes, a->normals, 3 * a->vertex_count * sizeof(float));
     }
-    return status == PC_OK && (normals || deformer->affine)
+    return status == PC_OK && (normals || deformer->turning)
                ? build_estimator(context, a, &deformer->estimator)
                : status;
 }
@@ -201,27 +227,19 @@ void pc_deform_destroy(pc_context *context, pc_deformer *deformer) {
     pc_release(context, deformer);
 }
 
-pc_status pc_deform_prepare_asset(pc_context *context, const pc_asset *asset,
-                                  pc_deformer **deformer) {
-    if (asset == NULL || deformer == NULL || asset->stage_count < PC_STAGE_COUNT ||
-        asset->skin.vertex_count != asset->visual.surface.vertex_count) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
-                        "%s: an asset with all stages done is needed", stage);
-    }
+// The arrays of an asset whose visual mesh has the weights `skin`.
+static pc_status prepare_asset(pc_context *context, const pc_asset *asset, const pc_skin *skin,
+                               size_t bone_count, pci_scratch *scratch, pc_deformer **deformer) {
     const pc_visual *visual = &asset->visual;
-    const pc_skin *skin = &asset->skin;
     const size_t count = visual->corner_count, joint_count = asset->proxy.vertex_count;
     const uint32_t influences = skin->influences;
-    pci_scratch scratch = pci_scratch_begin(context);
-    float *positions = PCI_SCRATCH(&scratch, float, 3 * count);
-    float *normals = PCI_SCRATCH(&scratch, float, 3 * count);
-    uint32_t *joints = PCI_SCRATCH(&scratch, uint32_t, count * influences);
-    float *weights = PCI_SCRATCH(&scratch, float, count *influences);
-    float *joint_positions = PCI_SCRATCH(&scratch, float, 3 * joint_count);
-    double *smooth = PCI_SCRATCH(&scratch, double, 3 * visual->surface.vertex_count);
-    if (scratch.failed) {
-        pci_scratch_end(&scratch);
-        *deformer = NULL;
+    float *positions = PCI_SCRATCH(scratch, float, 3 * count);
+    float *normals = PCI_SCRATCH(scratch, float, 3 * count);
+    uint32_t *joints = PCI_SCRATCH(scratch, uint32_t, count * influences);
+    float *weights = PCI_SCRATCH(scratch, float, count *influences);
+    float *joint_positions = PCI_SCRATCH(scratch, float, 3 * joint_count);
+    double *smooth = PCI_SCRATCH(scratch, double, 3 * visual->surface.vertex_count);
+    if (scratch->failed) {
         return pci_fail_memory(context, stage);
     }
     pci_vertex_normals(&visual->surface, smooth);
@@ -248,13 +266,37 @@ pc_status pc_deform_prepare_asset(pc_context *context, const pc_asset *asset,
         .joints = joints,
         .weights = weights,
         .joint_count = joint_count,
+        .bone_count = bone_count,
         .joint_positions = joint_positions,
         .triangle_count = asset->proxy.triangle_count,
         .triangles = asset->proxy.triangles,
         .skinning = skin->skinning,
         .pinned = skin->skinning == PC_SKINNING_ROTATION ? asset->motion.pinned : NULL};
-    const pc_status status = pc_deform_prepare(context, &arrays, deformer);
-    pci_scratch_end(&scratch);
+    return pc_deform_prepare(context, &arrays, deformer);
+}
+
+pc_status pc_deform_prepare_asset(pc_context *context, const pc_asset *asset,
+                                  pc_deformer **deformer) {
+    if (asset == NULL || deformer == NULL || asset->stage_count < PC_STAGE_COUNT ||
+        asset->skin.vertex_count != asset->visual.surface.vertex_count) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                        "%s: an asset with all stages done is needed", stage);
+    }
+    *deformer = NULL;
+    pc_body_skin body = {0};
+    pc_status status =
+        pc_body_skin_create(context, &asset->visual, &asset->character, &asset->proxy,
+                            &asset->motion, &asset->options.skin, &body, NULL);
+    if (status == PC_OK) {
+        pci_scratch scratch = pci_scratch_begin(context);
+        pc_skin skin = asset->skin;
+        const size_t bones = body.vertex_count > 0 ? asset->character.joint_count : 0;
+        status = pci_mix_weights(&scratch, &body, asset->proxy.vertex_count, &skin)
+                     ? prepare_asset(context, asset, &skin, bones, &scratch, deformer)
+                     : pci_fail_memory(context, stage);
+        pci_scratch_end(&scratch);
+    }
+    pc_body_skin_free(context, &body);
     return status;
 }
 
@@ -294,12 +336,41 @@ static void put_turned(void *result, const double quaternion[4]) {
     put_columns(result, rotation);
 }
 
-// The last column of each map: where the joint takes the origin.
+static void put_displacements(const pc_deformer *deformer, const float *joints, size_t stride,
+                              float *displacements) {
+    for (size_t j = 0; j < deformer->joint_count; ++j) {
+        const float *joint = joint_at(joints, stride, j);
+        for (size_t k = 0; k < 3; ++k) {
+            displacements[4 * j + k] = joint[k] - deformer->joint_positions[3 * j + k];
+        }
+        displacements[4 * j + 3] = 0.0F;
+    }
+}
+
+// The linear parts of the joints' maps: as given, or as the 1-rings turn.
+static void put_rotations(const pc_deformer *deformer, const pc_deform_input *input,
+                          const pci_points *points, float *turns) {
+    const size_t size = MAP * sizeof(float);
+    if (input->rotations == NULL && deformer->turning) {
+        pci_rotation_estimate(deformer->estimator, points, put_turned, turns, size);
+    } else if (input->rotations == NULL) {
+        pci_rotation_of_rings(deformer->estimator, points, put_columns, turns, size);
+    }
+    const size_t stride = input->rotation_stride != 0 ? input->rotation_stride : 4 * sizeof(float);
+    for (size_t j = 0; j < deformer->joint_count && input->rotations != NULL; ++j) {
+        const float *given = joint_at(input->rotations, stride, j);
+        const double q[4] = {(double)given[0], (double)given[1], (double)given[2],
+                             (double)given[3]};
+        put_turned(&turns[MAP * j], q);
+    }
+}
+
+// The last column of each joint's map: where it takes the origin.
 static void put_origins(const pc_deformer *deformer, const float *joints, size_t stride,
                         float *maps) {
     for (size_t j = 0; j < deformer->joint_count; ++j) {
         const float *rest = &deformer->joint_positions[3 * j], *now = joint_at(joints, stride, j);
-        float *columns = &maps[16 * j];
+        float *columns = &maps[MAP * j];
         for (size_t k = 0; k < 3; ++k) {
             double at = (double)now[k];
             for (size_t c = 0; c < 3; ++c) {
@@ -310,47 +381,46 @@ static void put_origins(const pc_deformer *deformer, const float *joints, size_t
     }
 }
 
-void pc_deform_pose_rotated(const pc_deformer *deformer, const float *joints, size_t stride,
-                            const float *rotations, size_t rotation_stride, void *pose) {
-    const pose_parts parts = parts_of(deformer, pose);
-    stride = stride != 0 ? stride : 3 * sizeof(float);
-    rotation_stride = rotation_stride != 0 ? rotation_stride : 4 * sizeof(float);
-    for (size_t j = 0; j < deformer->joint_count; ++j) {
-        const float *joint = joint_at(joints, stride, j);
-        float *displacement = &parts.displacements[4 * j];
-        for (size_t k = 0; k < 3; ++k) {
-            displacement[k] = joint[k] - deformer->joint_positions[3 * j + k];
+// The maps of the bones, behind those of the joints.
+static void put_bones(const pc_deformer *deformer, const pc_deform_input *input, float *maps) {
+    static const float at_rest[12] = {1.0F, 0.0F, 0.0F, 0.0F, 0.0F, 1.0F,
+                                      0.0F, 0.0F, 0.0F, 0.0F, 1.0F, 0.0F};
+    const size_t stride = input->bone_stride != 0 ? input->bone_stride : sizeof(at_rest);
+    for (size_t b = 0; b < deformer->bone_count; ++b) {
+        const float *rows = input->bones != NULL ? joint_at(input->bones, stride, b) : at_rest;
+        float *columns = &maps[MAP * (deformer->joint_count + b)];
+        for (size_t i = 0; i < MAP; ++i) {
+            columns[i] = i % 4 < 3 ? rows[4 * (i % 4) + i / 4] : 0.0F;
         }
-        displacement[3] = 0.0F;
-    }
-    if (deformer->estimator == NULL) {
-        return;
-    }
-    const pci_points points = {joints, stride, true};
-    const size_t map_stride = 16 * sizeof(float);
-    if (rotations == NULL && deformer->affine) {
-        pci_rotation_estimate(deformer->estimator, &points, put_turned, parts.maps, map_stride);
-    } else if (rotations == NULL) {
-        pci_rotation_of_rings(deformer->estimator, &points, put_columns, parts.maps, map_stride);
-    }
-    for (size_t j = 0; j < deformer->joint_count && rotations != NULL; ++j) {
-        const float *given = joint_at(rotations, rotation_stride, j);
-        const double q[4] = {(double)given[0], (double)given[1], (double)given[2],
-                             (double)given[3]};
-        put_turned(&parts.maps[16 * j], q);
-    }
-    if (deformer->affine) {
-        put_origins(deformer, joints, stride, parts.maps);
     }
 }
 
-void pc_deform_pose(const pc_deformer *deformer, const float *joints, size_t stride, void *pose) {
-    pc_deform_pose_rotated(deformer, joints, stride, NULL, 0, pose);
+void pc_deform_pose(const pc_deformer *deformer, const pc_deform_input *input, void *pose) {
+    static const double straight[9] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
+    const pose_parts parts = parts_of(deformer, pose);
+    const size_t stride = input->joint_stride != 0 ? input->joint_stride : 3 * sizeof(float);
+    if (parts.displacements != NULL) {
+        put_displacements(deformer, input->joints, stride, parts.displacements);
+    }
+    if (parts.turns != NULL) {
+        const pci_points points = {input->joints, stride, true};
+        put_rotations(deformer, input, &points, parts.turns);
+        put_bones(deformer, input, parts.turns);
+    }
+    if (parts.maps != NULL && parts.maps != parts.turns) {
+        for (size_t j = 0; j < deformer->joint_count; ++j) {
+            put_columns(&parts.maps[MAP * j], straight);
+        }
+        put_bones(deformer, input, parts.maps);
+    }
+    if (parts.maps != NULL) {
+        put_origins(deformer, input->joints, stride, parts.maps);
+    }
 }
 
 static void put_positions(const pc_deformer *deformer, const pose_parts *parts, size_t begin,
                           size_t end, const pc_deform_output *output, size_t stride) {
-    if (deformer->affine) {
+    if (parts->maps != NULL) {
         deformer->kernel->affine(&deformer->rows, parts->maps, begin, end,
                                  (char *)output->positions, stride);
     } else {
@@ -373,7 +443,7 @@ void pc_deform(const pc_deformer *deformer, const void *pose, size_t begin, size
     for (size_t first = begin; first < end;) {
         const size_t next = (first / PIECE + 1) * PIECE, last = end < next ? end : next;
         put_positions(deformer, &parts, first, last, output, position_stride);
-        deformer->kernel->normals(rows, parts.maps, first, last, (char *)output->normals,
+        deformer->kernel->normals(rows, parts.turns, first, last, (char *)output->normals,
                                   normal_stride);
         first = last;
     }

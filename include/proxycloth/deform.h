@@ -10,7 +10,8 @@
 ///     if (pc_deform_prepare(context, &arrays, &deformer) != PC_OK) return;
 ///     void *pose = malloc(pc_deform_pose_size(deformer));    // one per instance of the garment
 ///
-///     pc_deform_pose(deformer, joints, 0, pose);             // every frame, 9 to 18 us
+///     const pc_deform_input in = {.joints = joints};         // every frame, 9 to 18 us
+///     pc_deform_pose(deformer, &in, pose);
 ///     const pc_deform_output out = {.positions = vertex_buffer, .position_stride = 32,
 ///                                   .normals = vertex_buffer + 3, .normal_stride = 32};
 ///     pc_deform(deformer, pose, 0, vertex_count, &out);      // or in ranges, one per job
@@ -21,9 +22,13 @@
 /// Positions follow equation (6), v_i = v_i(0) + sum_j w_ij (p_j - p_j(0)), or, with weights for
 /// PC_SKINNING_ROTATION, v_i = sum_j w_ij (p_j + R_j (v_i(0) - p_j(0))). R_j turns the 1-ring of
 /// proxy vertex j from rest to its pose as proxycloth/rotation.h says, or is what the engine's
-/// solver gives (pc_deform_pose_rotated). Normals take these rotations too, those of the 1-rings
-/// alone where positions take none: n_i = sum_j w_ij R_j n_i(0), scaled to length 1. A rigid motion
-/// of the proxy turns normals exactly. Where a 1-ring has no area R_j is the identity.
+/// solver gives. Normals take these rotations too, those of the 1-rings alone where positions take
+/// none: n_i = sum_j w_ij R_j n_i(0), scaled to length 1. A rigid motion of the proxy turns normals
+/// exactly. Where a 1-ring has no area R_j is the identity.
+///
+/// A garment that keeps its place on a body (proxycloth/body.h) also follows bones of the
+/// character: joints behind those of the proxy that take a point x to A_b x, A_b affine, from the
+/// rest pose of the garment to now; normals take the linear part.
 ///
 /// pc_deform_pose and pc_deform allocate nothing, lock nothing, keep no state and cannot fail; a
 /// deformer may be used by any number of threads at once. They compute in float with the widest of
@@ -45,13 +50,14 @@ typedef struct pc_deformer pc_deformer;
 
 /// What a deformer is made of; read and never kept.
 typedef struct pc_deform_arrays {
-    size_t vertex_count;          ///< #V, split vertices: every vertex of the vertex buffer
-    const float *positions;       ///< #V by 3, at rest
-    const float *normals;         ///< #V by 3, at rest; NULL: positions only
-    uint32_t influences;          ///< K, 1..32
-    const uint32_t *joints;       ///< #V by K, proxy vertices
-    const float *weights;         ///< #V by K, not negative; each row is scaled to the sum 1
-    size_t joint_count;           ///< #J, vertices of the proxy, up to 65536
+    size_t vertex_count;    ///< #V, split vertices: every vertex of the vertex buffer
+    const float *positions; ///< #V by 3, at rest
+    const float *normals;   ///< #V by 3, at rest; NULL: positions only
+    uint32_t influences;    ///< K, 1..32
+    const uint32_t *joints; ///< #V by K, below #J + #B
+    const float *weights;   ///< #V by K, not negative; each row is scaled to the sum 1
+    size_t joint_count;     ///< #J, vertices of the proxy
+    size_t bone_count;      ///< #B, of the character; joint #J + b is bone b. #J + #B <= 65536
     const float *joint_positions; ///< #J by 3, at rest
     size_t triangle_count;        ///< of the proxy; only rotations need them
     const uint32_t *triangles;    ///< #triangles by 3
@@ -64,14 +70,16 @@ typedef struct pc_deform_arrays {
 /// @param[out] deformer  NULL on failure.
 /// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (NULL, no vertex, an index out of range, a number that
 ///         is not finite, a weight below 0, a row without weight); PC_ERROR_TOO_LARGE (more than
-///         65536 joints, 32 influences or 2^31 vertices); PC_ERROR_OUT_OF_MEMORY.
+///         65536 joints and bones, 32 influences or 2^31 vertices); PC_ERROR_OUT_OF_MEMORY.
 PC_NODISCARD pc_status pc_deform_prepare(pc_context *context, const pc_deform_arrays *arrays,
                                          pc_deformer **deformer);
 
 /// Prepares a finished asset: vertex i is split vertex i of asset->visual, joint j is proxy vertex
 /// j; normals are those of the visual mesh, smooth ones where it has none; skinning is that of the
-/// weights.
-/// @return as pc_deform_prepare; PC_ERROR_INVALID_ARGUMENT also when a stage is missing.
+/// weights. Where the options blend in the body, bones are the joints of asset->character and the
+/// weights are those of the exported GLB before they are rounded.
+/// @return as pc_deform_prepare and pc_body_skin_create; PC_ERROR_INVALID_ARGUMENT also when a
+///         stage is missing.
 PC_NODISCARD pc_status pc_deform_prepare_asset(pc_context *context, const pc_asset *asset,
                                                pc_deformer **deformer);
 
@@ -81,21 +89,24 @@ void pc_deform_destroy(pc_context *context, pc_deformer *deformer);
 /// Number of vertices, #V.
 size_t pc_deform_vertex_count(const pc_deformer *deformer);
 
-/// Bytes of memory that pc_deform_pose fills, of any alignment; about 80 per joint.
+/// Bytes of memory that pc_deform_pose fills, of any alignment; about 80 per joint, 128 with bones.
 size_t pc_deform_pose_size(const pc_deformer *deformer);
 
-/// What pc_deform needs to know of a pose of the proxy.
-/// @param[in]  joints  #J by 3, positions of the proxy's vertices.
-/// @param[in]  stride  bytes from one to the next; 0: 12.
+/// A pose, as the engine has it.
+typedef struct pc_deform_input {
+    const float *joints;    ///< #J by 3, positions of the proxy's vertices
+    size_t joint_stride;    ///< bytes from one to the next; 0: 12
+    const float *rotations; ///< #J by 4, unit quaternions (x, y, z, w) from rest to the pose, for
+                            ///< engines whose solver knows them; NULL: what the 1-rings tell
+    size_t rotation_stride; ///< bytes; 0: 16
+    const float *bones; ///< #B by 12, A_b, 3 rows of 4, rotation and uniform scale; NULL: at rest
+    size_t bone_stride; ///< bytes; 0: 48
+} pc_deform_input;
+
+/// What pc_deform needs to know of a pose.
 /// @param[out] pose    pc_deform_pose_size bytes; may be moved afterwards only by calling this
 ///                     function again. Read by any number of pc_deform calls until then.
-void pc_deform_pose(const pc_deformer *deformer, const float *joints, size_t stride, void *pose);
-
-/// The same for engines whose solver knows the rotations.
-/// @param[in]  rotations  #J by 4, unit quaternions (x, y, z, w) from rest to the pose.
-/// @param[in]  rotation_stride  bytes from one to the next; 0: 16.
-void pc_deform_pose_rotated(const pc_deformer *deformer, const float *joints, size_t stride,
-                            const float *rotations, size_t rotation_stride, void *pose);
+void pc_deform_pose(const pc_deformer *deformer, const pc_deform_input *input, void *pose);
 
 /// Where results go. Only the 12 bytes of each position and normal are written, in rising order.
 typedef struct pc_deform_output {

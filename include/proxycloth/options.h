@@ -41,6 +41,16 @@ typedef struct pc_record {
     size_t size; ///< sizeof the struct
 } pc_record;
 
+#define PC_SERIES_LIMIT 16
+
+/// Values of a whole-number option that may be a list, each for a result of its own (levels of
+/// detail).
+typedef struct pc_series {
+    const char *name; ///< of the option
+    uint32_t count;   ///< 0: no list, the struct has the only value
+    uint32_t values[PC_SERIES_LIMIT];
+} pc_series;
+
 /// Sets every field of an options struct to its default.
 void pc_record_set_defaults(const pc_record *record, void *values);
 
@@ -53,6 +63,11 @@ PC_NODISCARD pc_status pc_record_check(pc_context *context, const char *stage,
 /// @return PC_OK; PC_ERROR_INVALID_OPTIONS (not a number, out of range, no such choice).
 PC_NODISCARD pc_status pc_field_set_text(pc_context *context, const char *stage,
                                          const pc_field *field, void *values, const char *text);
+
+/// Appends the value that the field has.
+/// @return PC_OK; PC_ERROR_INVALID_OPTIONS (the series has it already, or is full).
+PC_NODISCARD pc_status pc_series_add(pc_context *context, const char *stage, const pc_field *field,
+                                     const void *values, pc_series *series);
 
 /// The field of that name, or NULL.
 const pc_field *pc_record_find(const pc_record *record, const char *name);

@@ -6,7 +6,8 @@
 ///     { "preset": "mobile", "vertices": 96, "label": { "lambda_smooth": 3 } }
 ///
 /// Names, ranges, units and defaults are those of the options' tables (options.h). Switches are
-/// true or false, choices are texts, and the word for 0 ("auto") is allowed where there is one.
+/// true or false, choices are texts, and the word for 0 ("auto") is allowed where there is one. An
+/// option with a series may be a list, as in "vertices": [64, 128].
 /// Unknown and repeated keys are errors. What a file leaves out stays as it was; `preset` is
 /// applied first, wherever it stands.
 #ifndef PROXYCLOTH_OPTIONS_FILE_H
@@ -22,10 +23,12 @@ extern "C" {
 typedef struct pc_option_group {
     const char *name;
     const pc_record *record;
-    void *values; ///< the struct
+    void *values;      ///< the struct
+    pc_series *series; ///< of the option series->name, which may be a list; NULL: none may
 } pc_option_group;
 
-/// The stages' options as groups, in the order of the pipeline; they point into `options`.
+/// The stages' options as groups, in the order of the pipeline; they point into `options`. None has
+/// a series.
 void pc_option_groups(pc_options *options, pc_option_group groups[PC_STAGE_COUNT]);
 
 /// Sets options from a JSON text.

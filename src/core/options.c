@@ -153,3 +153,20 @@ pc_status pc_field_set_text(pc_context *context, const char *stage, const pc_fie
     }
     return status;
 }
+
+pc_status pc_series_add(pc_context *context, const char *stage, const pc_field *field,
+                        const void *values, pc_series *series) {
+    const uint32_t value = (uint32_t)pc_field_number(field, values);
+    for (uint32_t i = 0; i < series->count; ++i) {
+        if (series->values[i] == value) {
+            return pci_fail(context, PC_ERROR_INVALID_OPTIONS, stage, "%s: %s: %u is given twice",
+                            stage, field->name, value);
+        }
+    }
+    if (series->count == PC_SERIES_LIMIT) {
+        return pci_fail(context, PC_ERROR_INVALID_OPTIONS, stage, "%s: %s: more than %d values",
+                        stage, field->name, PC_SERIES_LIMIT);
+    }
+    series->values[series->count++] = value;
+    return PC_OK;
+}

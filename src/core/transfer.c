@@ -269,3 +269,51 @@ pc_status pci_transfer_weights(pc_context *context, const char *stage, const pc_
     pci_scratch_end(&t.scratch);
     return status;
 }
+
+// Moves the largest K of the K + 4 weights of a vertex, which are spoilt, to `bones` and `weights`.
+static void keep_largest(const uint32_t *found, double *mixed, size_t influences, uint32_t *bones,
+                         double *weights) {
+    double sum = 0.0;
+    for (size_t k = 0; k < influences; ++k) {
+        size_t most = 0;
+        for (size_t i = 1; i < influences + 4; ++i) {
+            most = mixed[i] > mixed[most] ? i : most;
+        }
+        bones[k] = found[most];
+        weights[k] = mixed[most];
+        sum += mixed[most];
+        mixed[most] = 0.0;
+    }
+    for (size_t k = 0; k < influences; ++k) {
+        weights[k] /= sum;
+    }
+}
+
+bool pci_mix_weights(pci_scratch *scratch, const pc_body_skin *body, size_t first, pc_skin *skin) {
+    const size_t k_in = skin->influences;
+    if (body->vertex_count == 0) {
+        return true;
+    }
+    uint32_t *bones = PCI_SCRATCH(scratch, uint32_t, skin->vertex_count * k_in);
+    double *weights = PCI_SCRATCH(scratch, double, skin->vertex_count *k_in);
+    uint32_t *found = PCI_SCRATCH(scratch, uint32_t, k_in + 4);
+    double *mixed = PCI_SCRATCH(scratch, double, k_in + 4);
+    if (scratch->failed) {
+        return false;
+    }
+    for (size_t v = 0; v < skin->vertex_count; ++v) {
+        const double share = body->shares[v];
+        for (size_t k = 0; k < k_in; ++k) {
+            found[k] = skin->bones[v * k_in + k];
+            mixed[k] = share * skin->weights[v * k_in + k];
+        }
+        for (size_t k = 0; k < 4; ++k) {
+            found[k_in + k] = (uint32_t)first + body->joints[4 * v + k];
+            mixed[k_in + k] = (1.0 - share) * body->weights[4 * v + k];
+        }
+        keep_largest(found, mixed, k_in, &bones[v * k_in], &weights[v * k_in]);
+    }
+    skin->bones = bones;
+    skin->weights = weights;
+    return true;
+}

@@ -3,7 +3,7 @@
 #define PCI_TRANSFER_H
 
 #include "core/core.h"
-#include "proxycloth/character.h"
+#include "proxycloth/body.h"
 
 typedef struct pci_transfer_counts {
     uint64_t matched, filled, rigid; // vertices, see pc_body_weights
@@ -23,5 +23,10 @@ PC_NODISCARD pc_status pci_transfer_weights(pc_context *context, const char *sta
                                             const pc_mesh *mesh, const pc_character *character,
                                             uint32_t *joints, double *weights,
                                             pci_transfer_counts *counts);
+
+// Replaces the weights by their mixture with those of the body, in memory of the scratch: joint b
+// of the character is bone `first` + b, and of the K + 4 that meet at a vertex the largest K stay.
+// Leaves them where `body` is empty. False when memory ran out.
+bool pci_mix_weights(pci_scratch *scratch, const pc_body_skin *body, size_t first, pc_skin *skin);
 
 #endif

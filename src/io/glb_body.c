@@ -20,47 +20,6 @@ size_t pci_glb_joint_count(const pci_glb *glb) {
     return glb->asset->proxy.vertex_count + (has_body(glb) ? skeleton(glb)->joint_count : 0);
 }
 
-// Engines take K influences: of the K + 4 that meet here the largest stay.
-void pci_glb_mix_body(pci_glb *glb, pc_skin *skin) {
-    const size_t nv = skin->vertex_count, k_in = skin->influences, slots = k_in + 4;
-    if (!has_body(glb)) {
-        return;
-    }
-    const uint32_t first = (uint32_t)glb->asset->proxy.vertex_count;
-    uint32_t *bones = PCI_SCRATCH(&glb->scratch, uint32_t, nv * k_in);
-    double *weights = PCI_SCRATCH(&glb->scratch, double, nv *k_in);
-    uint32_t *found = PCI_SCRATCH(&glb->scratch, uint32_t, slots);
-    double *mixed = PCI_SCRATCH(&glb->scratch, double, slots);
-    if (glb->scratch.failed) {
-        return;
-    }
-    for (size_t v = 0; v < nv; ++v) {
-        const double share = glb->body.shares[v];
-        for (size_t k = 0; k < slots; ++k) {
-            const bool own = k < k_in;
-            const size_t from = own ? v * k_in + k : 4 * v + k - k_in;
-            found[k] = own ? skin->bones[from] : first + glb->body.joints[from];
-            mixed[k] = own ? share * skin->weights[from] : (1.0 - share) * glb->body.weights[from];
-        }
-        double sum = 0.0;
-        for (size_t k = 0; k < k_in; ++k) {
-            size_t most = 0;
-            for (size_t i = 1; i < slots; ++i) {
-                most = mixed[i] > mixed[most] ? i : most;
-            }
-            bones[v * k_in + k] = found[most];
-            weights[v * k_in + k] = mixed[most];
-            sum += mixed[most];
-            mixed[most] = 0.0;
-        }
-        for (size_t k = 0; k < k_in; ++k) {
-            weights[v * k_in + k] /= sum;
-        }
-    }
-    skin->bones = bones;
-    skin->weights = weights;
-}
-
 void pci_glb_add_body_roots(pci_glb *glb, cJSON *children, size_t first) {
     for (size_t j = 0; has_body(glb) && j < skeleton(glb)->joint_count; ++j) {
         if (parent_of(glb, j) == PC_INVALID_INDEX) {

@@ -1,4 +1,5 @@
-// A binary glTF file under construction: what glb.c shares with glb_body.c.
+// A binary glTF file under construction: its buffer (glb_writer.c) and what glb.c shares with
+// glb_body.c.
 #ifndef PCI_GLB_WRITER_H
 #define PCI_GLB_WRITER_H
 
@@ -45,9 +46,6 @@ void pci_glb_add_limits(pci_glb *glb, cJSON *accessor, const float *values, size
 
 // Joints of the skin: those of the proxy, then those of the skeleton.
 size_t pci_glb_joint_count(const pci_glb *glb);
-// Replaces the weights of the visual mesh by their mixture with those of the skeleton's joints, in
-// memory of the file.
-void pci_glb_mix_body(pci_glb *glb, pc_skin *skin);
 // Names the nodes of joints without parent as children; the skeleton's nodes begin at `first`.
 void pci_glb_add_body_roots(pci_glb *glb, cJSON *children, size_t first);
 void pci_glb_add_body_nodes(pci_glb *glb, cJSON *nodes, size_t first);

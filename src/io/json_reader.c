@@ -187,6 +187,12 @@ bool pci_json_begin_list(pci_json_reader *r, const cJSON *list, size_t element_s
     return *elements != NULL || pci_json_out_of_memory(r);
 }
 
+bool pci_json_fail_as_told(pci_json_reader *r) {
+    char problem[200]; // it lies where the new message is going to be
+    snprintf(problem, sizeof(problem), "%.199s", pc_context_error(r->context)->message);
+    return pci_json_fail(r, "%s", problem);
+}
+
 bool pci_json_read_field(pci_json_reader *r, const cJSON *item, const char *owner,
                          const pc_field *field, void *values) {
     char text[64] = "";
@@ -209,9 +215,7 @@ bool pci_json_read_field(pci_json_reader *r, const cJSON *item, const char *owne
     if (pc_field_set_text(r->context, owner, field, values, text) == PC_OK) {
         return true;
     }
-    char problem[200]; // it lies where the new message is going to be
-    snprintf(problem, sizeof(problem), "%.199s", pc_context_error(r->context)->message);
-    return pci_json_fail(r, "%s", problem);
+    return pci_json_fail_as_told(r);
 }
 
 cJSON *pci_json_parse(pci_json_reader *r, const char *text, size_t size) {

@@ -19,9 +19,10 @@ typedef struct pci_json_reader {
 // Parses the whole text; NULL after a failure, which names the line. Release with cJSON_Delete.
 cJSON *pci_json_parse(pci_json_reader *r, const char *text, size_t size);
 
-// Both return false, to be returned in turn.
+// All return false, to be returned in turn. `as_told`: with the message that the context has.
 __attribute__((format(printf, 2, 3))) bool pci_json_fail(pci_json_reader *r, const char *format,
                                                          ...);
+bool pci_json_fail_as_told(pci_json_reader *r);
 bool pci_json_out_of_memory(pci_json_reader *r);
 
 // Append to the path; both return the length to which pci_json_leave shortens it again.

@@ -26,8 +26,8 @@ const pc_preset *pc_preset_at(size_t index) {
 void pc_option_groups(pc_options *options, pc_option_group groups[PC_STAGE_COUNT]) {
     for (pc_stage i = 0; i < PC_STAGE_COUNT; ++i) {
         const pc_stage_info *info = pc_stage_describe(i);
-        groups[i] =
-            (pc_option_group){info->name, info->options, (char *)options + info->options_offset};
+        groups[i] = (pc_option_group){info->name, info->options,
+                                      (char *)options + info->options_offset, NULL};
     }
 }
 
@@ -47,6 +47,32 @@ static const pc_option_group *find_group(const target *t, const cJSON *item) {
     return NULL;
 }
 
+// The value of an option, or the values of one that may be a list.
+static bool read_value(target *t, const cJSON *item, const pc_option_group *group,
+                       const pc_field *field) {
+    if (group->series == NULL || strcmp(group->series->name, field->name) != 0) {
+        return pci_json_read_field(&t->reader, item, group->name, field, group->values);
+    }
+    group->series->count = 0;
+    if (!cJSON_IsArray(item)) {
+        return pci_json_read_field(&t->reader, item, group->name, field, group->values);
+    }
+    const cJSON *value = NULL;
+    size_t index = 0;
+    cJSON_ArrayForEach(value, item) {
+        const size_t length = pci_json_enter_index(&t->reader, index++);
+        if (!pci_json_read_field(&t->reader, value, group->name, field, group->values)) {
+            return false;
+        }
+        if (pc_series_add(t->reader.context, group->name, field, group->values, group->series) !=
+            PC_OK) {
+            return pci_json_fail_as_told(&t->reader);
+        }
+        pci_json_leave(&t->reader, length);
+    }
+    return index > 0 || pci_json_fail(&t->reader, "the list is empty");
+}
+
 // An option that stands alone, in every group that has it.
 static bool read_option(target *t, const cJSON *item) {
     bool known = false;
@@ -54,8 +80,7 @@ static bool read_option(target *t, const cJSON *item) {
         const pc_option_group *group = &t->groups[i];
         const pc_field *field = pc_record_find(group->record, item->string);
         known |= field != NULL;
-        if (field != NULL &&
-            !pci_json_read_field(&t->reader, item, group->name, field, group->values)) {
+        if (field != NULL && !read_value(t, item, group, field)) {
             return false;
         }
     }
@@ -71,7 +96,7 @@ static bool read_group(target *t, const cJSON *object, const pc_option_group *gr
             return pci_json_fail(&t->reader, "unknown key");
         }
         if (!pci_json_check_unique(&t->reader, object, item) ||
-            !pci_json_read_field(&t->reader, item, group->name, field, group->values)) {
+            !read_value(t, item, group, field)) {
             return false;
         }
         pci_json_leave(&t->reader, length);
@@ -134,18 +159,25 @@ static size_t room_of(const pc_option_group *group) { return (group->record->siz
 // Reads into `copies`, whose values lie one behind the other in `memory`.
 static pc_status parse(pc_context *context, const char *text, size_t size, const char *name,
                        const pc_option_group *groups, size_t group_count, pc_option_group *copies,
-                       unsigned char *memory) {
+                       pc_series *series, unsigned char *memory) {
     size_t used = 0;
     for (size_t i = 0; i < group_count; ++i) {
         copies[i] = groups[i];
         copies[i].values = memcpy(memory + used, groups[i].values, groups[i].record->size);
         used += room_of(&groups[i]);
+        if (groups[i].series != NULL) {
+            series[i] = *groups[i].series;
+            copies[i].series = &series[i];
+        }
     }
     target t = {{.context = context, .stage = stage, .file = name}, copies, group_count};
     cJSON *root = pci_json_parse(&t.reader, text, size);
     if (root != NULL && read_root(&t, root)) {
         for (size_t i = 0; i < group_count; ++i) {
             memcpy(groups[i].values, copies[i].values, groups[i].record->size);
+            if (groups[i].series != NULL) {
+                *groups[i].series = series[i];
+            }
         }
     }
     cJSON_Delete(root);
@@ -164,12 +196,14 @@ pc_status pc_options_parse(pc_context *context, const char *text, size_t size, c
         room += room_of(&groups[i]);
     }
     pc_option_group *copies = PCI_ALLOCATE(context, pc_option_group, group_count + 1);
+    pc_series *series = PCI_ALLOCATE(context, pc_series, group_count + 1);
     unsigned char *memory = PCI_ALLOCATE(context, unsigned char, room);
     const pc_status status =
-        copies != NULL && memory != NULL
-            ? parse(context, text, size, name, groups, group_count, copies, memory)
+        copies != NULL && series != NULL && memory != NULL
+            ? parse(context, text, size, name, groups, group_count, copies, series, memory)
             : pci_fail_memory(context, stage);
     pc_release(context, copies);
+    pc_release(context, series);
     pc_release(context, memory);
     return status;
 }
@@ -191,6 +225,19 @@ pc_status pc_options_read(pc_context *context, const char *path, const pc_option
     return status;
 }
 
+static void print_group(pci_json *json, const pc_option_group *group) {
+    cJSON *object = pci_json_record(json, json->root, group->name, group->record, group->values);
+    const pc_series *series = group->series;
+    if (series == NULL || series->count == 0) {
+        return;
+    }
+    cJSON_DeleteItemFromObjectCaseSensitive(object, series->name);
+    cJSON *list = pci_json_array(json, object, series->name);
+    for (uint32_t i = 0; i < series->count; ++i) {
+        pci_json_count(json, list, NULL, series->values[i]);
+    }
+}
+
 pc_status pc_options_print(pc_context *context, const pc_option_group *groups, size_t group_count,
                            char **text) {
     if (context == NULL || groups == NULL || text == NULL) {
@@ -202,7 +249,7 @@ pc_status pc_options_print(pc_context *context, const pc_option_group *groups, s
     pci_json_begin(&json);
     for (size_t i = 0; i < group_count; ++i) {
         if (groups[i].record->field_count != 0) {
-            pci_json_record(&json, json.root, groups[i].name, groups[i].record, groups[i].values);
+            print_group(&json, &groups[i]);
         }
     }
     *text = pci_json_text(context, &json, true);

@@ -12,17 +12,27 @@ enum { grain = 256 };
 // A membrane hangs from its rim, but sags: the rim may be so much farther than the nearest point of
 // the visual mesh, in voxels.
 static const double sag = 1.0;
-// A region counts only where it reaches this many times the threshold; less is roughness.
-static const double least_reach = 1.2;
 // A membrane is framed by rims in so many of the sectors around its centre; a web between a sleeve
 // and the body may have the cuff on one side.
-enum { sectors = 12, least_framed = 9 };
+enum { sectors = 12 };
+// A web from the hem of one layer to the layer beneath is framed by rims, too, but has cloth behind
+// it, for most of its area within so many voxels; an opening has not.
+static const double behind = 1.5;
+// What a region must be to go.
+typedef struct demands {
+    double fineness; // the layer is refined to edges of so many thresholds first
+    double reach;    // least largest distance, in thresholds; less is roughness
+    // Of membranes only:
+    uint32_t framed; // least number of sectors
+    double backed;   // least share of the area that is not one
+} demands;
+// The distance hardly changes faster than the way, so edges of half the threshold cannot hide a
+// crossing that matters. Coarser ones tell where to look closer, with demands that leave room for
+// what they may miss.
+static const demands of_membranes = {0.5, 1.2, 9, 0.5}, of_candidates = {1.0, 1.0, 6, 0.75};
 // The iso-surface closes openings up to two voxels wide; no part of a membrane is farther from the
 // rim than so many voxels.
 static const double widest = 3.0;
-// A web from the hem of one layer to the layer beneath is framed by rims, too, but has cloth behind
-// it, for most of its area within so many voxels; an opening has not.
-static const double behind = 1.5, most_backed = 0.5;
 // The second pass looks so far around what the first one found, in voxels.
 static const double beyond = 0.5;
 // The distance where nobody asks: no triangle is refined for it.
@@ -156,8 +166,7 @@ static bool needs_split(const outline *o, uint32_t t, double threshold, double s
 }
 
 // Halves the longest edge of each triangle that may touch the outline until it is shorter than
-// `shortest`: the distance hardly changes faster than the way, so edges of half the threshold
-// cannot hide a crossing that matters. False: no memory, or cancelled.
+// `shortest`. False: no memory, or cancelled.
 static bool refine_outline(outline *o, double threshold, double shortest) {
     const pci_halfedge *mesh = &o->mesh;
     pc_context *context = mesh->scratch->context;
@@ -434,14 +443,15 @@ static bool measure_frame(const outline *o, const pci_knn *rims, double slack, c
     return true;
 }
 
-static bool removes(const region *r, pci_outline_mode mode, double threshold) {
+static bool removes(const region *r, pci_outline_mode mode, double threshold,
+                    const demands *least) {
     uint32_t framed = 0;
     for (uint32_t i = 0; i < sectors; ++i) {
         framed += r->sectors >> i & 1;
     }
-    return r->reach > least_reach * threshold &&
+    return r->reach > least->reach * threshold &&
            (mode == PCI_OUTLINE_ALL ||
-            (framed >= least_framed && r->backed < most_backed * r->area &&
+            (framed >= least->framed && r->backed < least->backed * r->area &&
              (r->bordering || !r->fringe)));
 }
 
@@ -522,67 +532,75 @@ static double area_held(const patches *p, const uint8_t *keep, uint32_t middle) 
     return sum - largest;
 }
 
-// Marks what stays. A membrane may hold the layer together, as between the panels of a pattern or
-// around the hem of a tier: it stays, too, where something larger than itself would come off.
-static bool choose_triangles(const outline *o, const uint32_t *of, const region *regions,
-                             size_t region_count, pci_outline_mode mode, double threshold,
-                             uint8_t *keep) {
-    const pci_halfedge *mesh = &o->mesh;
-    const size_t triangles = mesh->triangle_count;
-    uint8_t *removed = PCI_SCRATCH(mesh->scratch, uint8_t, region_count);
-    uint32_t *owners = PCI_SCRATCH(mesh->scratch, uint32_t, triangles); // membranes in question
-    if (mesh->scratch->failed) {
-        return false;
-    }
-    for (size_t i = 0; i < region_count; ++i) {
-        removed[i] = removes(&regions[i], mode, threshold);
-    }
-    for (uint32_t t = 0; t < triangles; ++t) {
-        const bool goes = of[t] != PC_INVALID_INDEX && removed[of[t]];
-        keep[t] = !goes || mode == PCI_OUTLINE_MEMBRANES;
-        owners[t] = goes && keep[t] ? of[t] : PC_INVALID_INDEX;
-    }
-    patches p;
-    if (mode != PCI_OUTLINE_MEMBRANES) {
-        return true;
-    }
-    if (!make_patches(mesh, owners, keep, &p)) {
-        return false;
-    }
-    // The first triangle of a membrane tells that it is gone until all of them are removed.
-    size_t tests = 0;
-    for (size_t i = 0; i < region_count; ++i) {
-        if (removed[i]) {
-            removed[i] =
-                tests++ < most_tests && area_held(&p, keep, regions[i].first) <= regions[i].area;
-            keep[regions[i].first] = !removed[i];
-        }
-    }
-    for (uint32_t t = 0; t < triangles; ++t) {
-        keep[t] = owners[t] == PC_INVALID_INDEX || !removed[owners[t]];
-    }
-    return true;
-}
-
 // What a pass works with.
 typedef struct cutting {
     const pci_bvh *visual;
     const pci_knn *rims;
     pci_outline_mode mode;
     double threshold, cell_size;
+    const demands *least;
     uint8_t *keep; // #F of the refined layer
     region *regions;
     size_t region_count;
 } cutting;
 
+// A membrane may hold the layer together, as between the panels of a pattern or around the hem of a
+// tier: it stays where something larger than itself would come off. The triangles of those that
+// are to go, by `removed`, are kept on entry.
+static bool keep_holders(const outline *o, const uint32_t *of, const cutting *c, uint8_t *removed) {
+    const pci_halfedge *mesh = &o->mesh;
+    uint32_t *owners = PCI_SCRATCH(mesh->scratch, uint32_t, mesh->triangle_count);
+    patches p;
+    if (owners == NULL) {
+        return false;
+    }
+    for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
+        owners[t] = of[t] != PC_INVALID_INDEX && removed[of[t]] ? of[t] : PC_INVALID_INDEX;
+    }
+    if (!make_patches(mesh, owners, c->keep, &p)) {
+        return false;
+    }
+    // The first triangle of a membrane tells that it is gone until all of them are removed.
+    size_t tests = 0;
+    for (size_t i = 0; i < c->region_count; ++i) {
+        if (removed[i]) {
+            const region *r = &c->regions[i];
+            removed[i] = tests++ < most_tests && area_held(&p, c->keep, r->first) <= r->area;
+            c->keep[r->first] = !removed[i];
+        }
+    }
+    return true;
+}
+
+// Marks what stays.
+static bool choose_triangles(const outline *o, const uint32_t *of, cutting *c) {
+    const size_t triangles = o->mesh.triangle_count;
+    uint8_t *removed = PCI_SCRATCH(o->mesh.scratch, uint8_t, c->region_count);
+    c->keep = PCI_SCRATCH(o->mesh.scratch, uint8_t, triangles);
+    if (o->mesh.scratch->failed) {
+        return false;
+    }
+    for (size_t i = 0; i < c->region_count; ++i) {
+        removed[i] = removes(&c->regions[i], c->mode, c->threshold, c->least);
+    }
+    memset(c->keep, 1, triangles);
+    if (c->mode == PCI_OUTLINE_MEMBRANES && c->least == &of_membranes &&
+        !keep_holders(o, of, c, removed)) {
+        return false;
+    }
+    for (size_t t = 0; t < triangles; ++t) {
+        c->keep[t] = of[t] == PC_INVALID_INDEX || !removed[of[t]];
+    }
+    return true;
+}
+
 // Refines the layer along the isoline, where points of `focus` are within `reach` (NULL:
-// everywhere), and decides what to keep.
-static bool find_regions(const cutting *given, const pci_knn *focus, double reach,
-                         pci_scratch *scratch, const pc_mesh *layer, outline *o, cutting *c) {
+// everywhere), and decides what to keep by the demands of `c`.
+static bool find_regions(cutting *c, const pci_knn *focus, double reach, pci_scratch *scratch,
+                         const pc_mesh *layer, outline *o) {
     // Finer than an eighth of a voxel there is nothing to see, and a layer that runs near the
     // threshold everywhere would be refined everywhere.
-    const double shortest = fmax(0.5 * given->threshold, 0.125 * given->cell_size);
-    *c = *given;
+    const double shortest = c->least->fineness * fmax(c->threshold, 0.25 * c->cell_size);
     *o = (outline){.visual = c->visual, .focus = focus, .reach = reach};
     o->normals = PCI_SCRATCH(scratch, double, 3 * layer->vertex_count);
     o->distances = PCI_SCRATCH(scratch, double, layer->vertex_count);
@@ -599,28 +617,34 @@ static bool find_regions(const cutting *given, const pci_knn *focus, double reac
         !refine_outline(o, c->threshold, shortest) || !split_isoline(o, c->threshold)) {
         return false;
     }
-    const size_t triangles = o->mesh.triangle_count;
-    uint32_t *of = PCI_SCRATCH(scratch, uint32_t, triangles);
-    c->keep = PCI_SCRATCH(scratch, uint8_t, triangles);
-    return !scratch->failed && join_regions(o, c->threshold, of, &c->regions, &c->region_count) &&
+    uint32_t *of = PCI_SCRATCH(scratch, uint32_t, o->mesh.triangle_count);
+    return of != NULL && join_regions(o, c->threshold, of, &c->regions, &c->region_count) &&
            measure_extent(o, of, behind * c->cell_size, c->regions, c->region_count) &&
            measure_frame(o, c->rims, sag * c->cell_size, of, c->regions) &&
-           choose_triangles(o, of, c->regions, c->region_count, c->mode, c->threshold, c->keep);
+           choose_triangles(o, of, c);
 }
 
-// The corners of what is not kept (`points` NULL: only counts them). Returns their number.
-static size_t removed_corners(const outline *o, const cutting *c, double *points) {
-    size_t count = 0;
-    for (size_t i = 0; i < 3 * o->mesh.triangle_count; ++i) {
-        if (!c->keep[i / 3]) {
-            if (points != NULL) {
-                memcpy(&points[3 * count], &o->mesh.positions[3 * (size_t)o->mesh.corners[i]],
-                       3 * sizeof(double));
-            }
-            ++count;
+// Lists the vertices of what is not kept. False: out of memory.
+static bool list_removed(pci_scratch *scratch, const outline *o, const cutting *c, double **points,
+                         size_t *count) {
+    const pci_halfedge *mesh = &o->mesh;
+    uint8_t *listed = PCI_SCRATCH(mesh->scratch, uint8_t, mesh->vertex_count);
+    if (listed == NULL) {
+        return false;
+    }
+    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
+        const uint32_t v = mesh->corners[i];
+        *count += !c->keep[i / 3] && !listed[v];
+        listed[v] |= !c->keep[i / 3];
+    }
+    *points = PCI_SCRATCH(scratch, double, 3 * *count);
+    size_t next = 0;
+    for (size_t v = 0; *points != NULL && v < mesh->vertex_count; ++v) {
+        if (listed[v]) {
+            memcpy(&(*points)[3 * next++], &mesh->positions[3 * v], 3 * sizeof(double));
         }
     }
-    return count;
+    return *points != NULL;
 }
 
 pc_status pci_cut_outline(pci_scratch *scratch, const char *stage, const pci_bvh *visual,
@@ -628,40 +652,42 @@ pc_status pci_cut_outline(pci_scratch *scratch, const char *stage, const pci_bvh
                           double cell_size, pc_mesh *layer, uint64_t *removed_regions,
                           uint64_t *removed_triangles) {
     pc_context *context = scratch->context;
-    const cutting given = {visual, rims, mode, threshold, cell_size, NULL, NULL, 0};
-    const bool membranes = mode == PCI_OUTLINE_MEMBRANES;
-    cutting c;
+    cutting c = {.visual = visual,
+                 .rims = rims,
+                 .mode = mode,
+                 .threshold = threshold,
+                 .cell_size = cell_size,
+                 .least = &of_candidates};
     outline o;
-    // The first pass finds the regions, the second refines near those that go and cuts.
+    // The first pass finds candidates, the second refines near them, decides and cuts.
     pci_scratch first = pci_scratch_begin(context);
     double *points = NULL;
     size_t point_count = 0;
-    bool done =
-        find_regions(&given, membranes ? rims : NULL, widest * cell_size, &first, layer, &o, &c);
-    if (done) {
-        point_count = removed_corners(&o, &c, NULL);
-        points = PCI_SCRATCH(scratch, double, 3 * point_count);
-        done = points != NULL;
-    }
-    if (done) {
-        removed_corners(&o, &c, points);
-    }
+    const bool found = find_regions(&c, mode == PCI_OUTLINE_MEMBRANES ? rims : NULL,
+                                    widest * cell_size, &first, layer, &o) &&
+                       list_removed(scratch, &o, &c, &points, &point_count);
     pci_scratch_end(&first);
-    pci_knn removed;
-    if (!done || !pci_knn_build(scratch, point_count, points, &removed)) {
+    pci_knn candidates;
+    if (!found || !pci_knn_build(scratch, point_count, points, &candidates)) {
         return pci_fail_memory(context, stage);
     }
     if (point_count == 0) {
         return PC_OK;
     }
-    if (!find_regions(&given, &removed, beyond * cell_size, scratch, layer, &o, &c)) {
+    c.least = &of_membranes;
+    if (!find_regions(&c, &candidates, beyond * cell_size, scratch, layer, &o)) {
         return pci_fail_memory(context, stage);
     }
+    uint64_t removed = 0;
+    for (size_t t = 0; t < o.mesh.triangle_count; ++t) {
+        removed += !c.keep[t];
+    }
+    if (removed == 0) {
+        return PC_OK;
+    }
+    *removed_triangles += removed;
     for (size_t i = 0; i < c.region_count; ++i) {
         *removed_regions += !c.keep[c.regions[i].first];
-    }
-    for (size_t t = 0; t < o.mesh.triangle_count; ++t) {
-        *removed_triangles += !c.keep[t];
     }
     const pc_mesh cut = {o.mesh.vertex_count, o.mesh.positions, o.mesh.triangle_count,
                          o.mesh.corners};

@@ -5,7 +5,7 @@
 
 static const char stage[] = "skin";
 
-enum { SWEEPS = 4, SAMPLE_BLOCKS = 4 }; // sweeps per round
+enum { SWEEPS = 2, SAMPLE_BLOCKS = 4 }; // sweeps per round, each there and back
 
 static const double sample_rounds = 0.75; // of the rounds at most
 // Along the last round's; it may have gone too far.
@@ -251,7 +251,7 @@ bool pci_skin_alternation_weigh(pci_scratch *scratch, pci_skin_alternation *a,
     if (a->quadratic.offsets != NULL) {
         return pci_skin_quadratic_weigh(scratch, p, a->scale, a->follow, &a->quadratic);
     }
-    return pci_skin_quadratic_build(scratch, p, w->points, a->scale, a->follow,
+    return pci_skin_quadratic_build(scratch, p, w->kernel, w->points, a->scale, a->follow,
                                     a->levels[PCI_SKIN_ALL].gram, a->allowed, &a->quadratic);
 }
 

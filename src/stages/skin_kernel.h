@@ -69,8 +69,25 @@ typedef struct pci_skin_sums {
     uint64_t reflections[PCI_BLOCK]; // vertices with det(S) < 0 in L_r
 } pci_skin_sums;
 
+enum { PCI_SKIN_STRIDE = 16 }; // strides are multiples of this
+
+// What sweeps multiply: a row of M with what its neighbours have moved, and that with rows of G.
+// See skin_quadratic.h. Arrays of float are aligned to 64 bytes.
+typedef struct pci_skin_rows {
+    size_t stride;
+    const float *moved;      // rows of this stride
+    const float *gram;       // likewise
+    size_t entry_count;      // of the row of M
+    const uint32_t *entries; // rows of `moved`
+    const float *values;
+} pci_skin_rows;
+
 typedef struct pci_skin_kernel {
     size_t real_size;
+    // In float: sum (stride) = the moved rows times the values; products[i] = that times row
+    // numbers[i] of `gram`.
+    void (*multiply_rows)(const pci_skin_rows *rows, size_t count, const uint32_t *numbers,
+                          float *sum, float *products);
     // `driver`: real, #P by columns by 3 by PCI_BLOCK, see skin_driver.h. `first`: there are no
     // rotations of the block before in the buffers. `sums`: added to, or NULL. `gradient`: real,
     // #local by slots, dL/dw is added with the weights taken as free; or NULL.

@@ -4,6 +4,7 @@
 //   LANES    frames per register, divides PCI_BLOCK
 //   ANY(mask)  whether any bit is set
 //   NAME(x)  name of x for this type
+//   ROWS     what skin_rows.inl made for this instruction set
 //   ROOT_BITS, ROOT_STEPS, LENGTH_TOLERANCE  see NAME(inverse_root)
 //   STEP_TOLERANCE, CURVATURE_TOLERANCE  see NAME(fit_rotation)
 // Vector types, loads and stores go through pointers to REAL, which are aligned to a register.
@@ -516,7 +517,8 @@ static void NAME(evaluate)(const pci_skin_data *data, const pci_skin_patch *patc
     }
 }
 
-const pci_skin_kernel NAME(pci_skin) = {.real_size = sizeof(REAL), .evaluate = NAME(evaluate)};
+const pci_skin_kernel NAME(pci_skin) = {
+    .real_size = sizeof(REAL), .multiply_rows = ROWS, .evaluate = NAME(evaluate)};
 
 #undef VEC
 #undef QUAD

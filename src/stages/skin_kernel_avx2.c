@@ -2,6 +2,11 @@
 
 #include "stages/skin_kernel.h"
 
+#define LANES   8
+#define NAME(x) x##_avx2
+#define ROWS    multiply_rows_avx2
+#include "stages/skin_rows.inl"
+
 #define REAL                float
 #define INTEGER             int32_t
 #define LANES               8

@@ -2,6 +2,11 @@
 
 #include "stages/skin_kernel.h"
 
+#define LANES   16
+#define NAME(x) x##_avx512
+#define ROWS    multiply_rows_avx512
+#include "stages/skin_rows.inl"
+
 #define REAL                float
 #define INTEGER             int32_t
 #define LANES               16

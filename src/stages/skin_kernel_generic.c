@@ -6,6 +6,11 @@ static inline bool any_bit(const void *mask) {
     return (words[0] | words[1]) != 0;
 }
 
+#define LANES   4
+#define NAME(x) x##_generic
+#define ROWS    multiply_rows_generic
+#include "stages/skin_rows.inl"
+
 #define REAL                float
 #define INTEGER             int32_t
 #define LANES               4

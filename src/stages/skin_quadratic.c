@@ -35,15 +35,13 @@ static void add_entry(row_builder *b, uint32_t column, double value) {
 // K(j) lists by their member i.
 typedef struct incoming_lists {
     size_t *offsets;
-    uint32_t *sources;
-    double *weights;
+    uint32_t *edges; // of K
 } incoming_lists;
 
 static bool build_incoming(pci_scratch *scratch, const pci_skin_problem *p, incoming_lists *in) {
     const size_t nv = p->vertex_count, k = p->near_count;
     in->offsets = PCI_SCRATCH(scratch, size_t, nv + 2);
-    in->sources = PCI_SCRATCH(scratch, uint32_t, k * nv);
-    in->weights = PCI_SCRATCH(scratch, double, k *nv);
+    in->edges = PCI_SCRATCH(scratch, uint32_t, k * nv);
     if (scratch->failed) {
         return false;
     }
@@ -54,11 +52,14 @@ static bool build_incoming(pci_scratch *scratch, const pci_skin_problem *p, inco
         in->offsets[v + 2] += in->offsets[v + 1];
     }
     for (size_t e = 0; e < k * nv; ++e) {
-        const size_t at = in->offsets[p->near[e] + 1]++;
-        in->sources[at] = (uint32_t)(e / k);
-        in->weights[at] = p->near_weights[e];
+        in->edges[in->offsets[p->near[e] + 1]++] = (uint32_t)e;
     }
     return true;
+}
+
+static void add_spring(row_builder *b, uint32_t i, uint32_t j, double value) {
+    add_entry(b, j, -value);
+    b->values[i] += value;
 }
 
 // Row i of M / 2.
@@ -70,26 +71,15 @@ static void build_row(const pci_skin_problem *p, const incoming_lists *in, const
     b->count = 0;
     add_entry(b, i, 0.0);
     for (size_t e = p->ring_offsets[i]; e < p->ring_offsets[i + 1]; ++e) {
-        const double value = 2.0 * ring * pci_skin_stiffness(p, i, p->ring[e]);
-        add_entry(b, p->ring[e], -value);
-        b->values[i] += value;
+        add_spring(b, i, p->ring[e], 2.0 * ring * pci_skin_stiffness(p, i, p->ring[e]));
     }
-    // Row r of K is 1 at r and -Kw at K(r).
-    for (size_t e = 0; e < k; ++e) {
-        const uint32_t j = p->near[k * i + e];
-        const double value = scale[1] * pci_skin_stiffness(p, i, j);
-        add_entry(b, j, -value - scale[2] * p->near_weights[k * i + e]);
-        b->values[i] += value;
+    for (size_t e = k * i; e < k * i + k; ++e) {
+        const uint32_t j = p->near[e];
+        add_spring(b, i, j, scale[1] * pci_skin_stiffness(p, i, j) + scale[2] * p->near_weights[e]);
     }
-    b->values[i] += scale[2];
     for (size_t s = in->offsets[i]; s < in->offsets[i + 1]; ++s) {
-        const uint32_t r = in->sources[s];
-        const double weight = in->weights[s], value = scale[1] * pci_skin_stiffness(p, i, r);
-        b->values[i] += value;
-        add_entry(b, r, -value - scale[2] * weight);
-        for (size_t e = k * r; e < k * r + k; ++e) {
-            add_entry(b, p->near[e], scale[2] * weight * p->near_weights[e]);
-        }
+        const uint32_t e = in->edges[s], r = (uint32_t)(e / k);
+        add_spring(b, i, r, scale[1] * pci_skin_stiffness(p, i, r) + scale[2] * p->near_weights[e]);
     }
 }
 
@@ -108,7 +98,7 @@ static bool visit_rows(pci_scratch *scratch, const pci_skin_problem *p, const do
         b.values[i] += diagonal[i];
         for (size_t k = 0; k < b.count && q->columns != NULL; ++k) {
             q->columns[q->offsets[i] + k] = b.columns[k];
-            q->values[q->offsets[i] + k] = 2.0 * b.values[b.columns[k]];
+            q->values[q->offsets[i] + k] = (float)(2.0 * b.values[b.columns[k]]);
         }
         q->offsets[i + 1] = q->offsets[i] + b.count;
     }
@@ -123,7 +113,7 @@ static bool build_matrix(pci_scratch *scratch, const pci_skin_problem *p, const 
         return false;
     }
     q->columns = PCI_SCRATCH(scratch, uint32_t, q->offsets[p->vertex_count]);
-    q->values = PCI_SCRATCH(scratch, double, q->offsets[p->vertex_count]);
+    q->values = PCI_SCRATCH(scratch, float, q->offsets[p->vertex_count]);
     return !scratch->failed && visit_rows(scratch, p, scale, diagonal, q);
 }
 
@@ -191,53 +181,94 @@ static bool colour_groups(pci_scratch *scratch, pci_skin_quadratic *q) {
     return true;
 }
 
+static float *aligned_floats(pci_scratch *scratch, size_t count) {
+    char *memory = pci_scratch_allocate(scratch, count * sizeof(float) + 64, 1);
+    return memory == NULL ? NULL : (float *)(void *)(memory + (64 - (uintptr_t)memory % 64) % 64);
+}
+
+// Largest numbers of what a group needs.
+typedef struct group_sizes {
+    size_t rows, entries, own_bones, bones;
+} group_sizes;
+
+// How many bones of some rows do not have this mark yet.
+static size_t count_bones(const pci_skin_quadratic *q, const uint32_t *vertices, size_t count,
+                          uint32_t mark, uint32_t *marks) {
+    size_t bones = 0;
+    for (size_t i = 0; i < count * q->slots; ++i) {
+        const uint32_t bone = q->bones[q->slots * vertices[i / q->slots] + i % q->slots];
+        bones += marks[bone] != mark;
+        marks[bone] = mark;
+    }
+    return bones;
+}
+
+static bool find_group_sizes(pci_scratch *scratch, const pci_skin_quadratic *q,
+                             group_sizes *sizes) {
+    pci_scratch local = pci_scratch_begin(scratch->context);
+    uint32_t *marks = PCI_SCRATCH(&local, uint32_t, q->vertex_count);
+    uint32_t *bone_marks = PCI_SCRATCH(&local, uint32_t, q->proxy_count);
+    const bool good = !local.failed;
+    memset(sizes, 0, sizeof(*sizes));
+    for (uint32_t g = 0; g < q->group_count && good; ++g) {
+        const uint32_t *own = &q->members[q->group_offsets[g]];
+        const size_t own_count = q->group_offsets[g + 1] - q->group_offsets[g];
+        size_t rows = 0, entries = 0, bones = count_bones(q, own, own_count, g + 1, bone_marks);
+        sizes->own_bones = bones > sizes->own_bones ? bones : sizes->own_bones;
+        for (size_t m = 0; m < own_count; ++m) {
+            const size_t begin = q->offsets[own[m]], end = q->offsets[own[m] + 1];
+            for (size_t e = begin; e < end; ++e) {
+                rows += marks[q->columns[e]] != g + 1;
+                marks[q->columns[e]] = g + 1;
+            }
+            entries += end - begin;
+            bones += count_bones(q, &q->columns[begin], end - begin, g + 1, bone_marks);
+        }
+        sizes->rows = rows > sizes->rows ? rows : sizes->rows;
+        sizes->entries = entries > sizes->entries ? entries : sizes->entries;
+        sizes->bones = bones > sizes->bones ? bones : sizes->bones;
+    }
+    pci_scratch_end(&local);
+    return good;
+}
+
+static size_t row_stride(const pci_skin_quadratic *q, size_t bones) {
+    return (q->width * bones + PCI_SKIN_STRIDE - 1) / PCI_SKIN_STRIDE * PCI_SKIN_STRIDE;
+}
+
 // Room for the largest group, for each thread.
 static bool build_loaded(pci_scratch *scratch, pci_skin_quadratic *q) {
     const uint32_t threads = pc_context_threads(scratch->context);
+    group_sizes sizes;
     q->loaded = PCI_SCRATCH(scratch, pci_skin_group, threads);
-    if (scratch->failed) {
+    if (scratch->failed || !find_group_sizes(scratch, q, &sizes)) {
         return false;
     }
-    for (uint32_t i = 0; i < threads; ++i) {
-        q->loaded[i].row_numbers = PCI_SCRATCH(scratch, uint32_t, q->vertex_count);
-    }
-    uint32_t *marks = q->loaded[0].row_numbers;
-    if (scratch->failed) {
-        return false;
-    }
-    size_t rows = 0;
-    for (uint32_t g = 0; g < q->group_count; ++g) {
-        size_t count = 0;
-        for (size_t m = q->group_offsets[g]; m < q->group_offsets[g + 1]; ++m) {
-            const uint32_t v = q->members[m];
-            for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
-                count += marks[q->columns[e]] != g + 1;
-                marks[q->columns[e]] = g + 1;
-            }
-        }
-        rows = count > rows ? count : rows;
-    }
-    memset(marks, 0, q->vertex_count * sizeof(*marks));
-    const size_t most = rows * q->slots < q->proxy_count ? rows * q->slots : q->proxy_count;
+    const size_t stride = row_stride(q, sizes.bones), width = q->width * sizes.own_bones;
     for (uint32_t i = 0; i < threads; ++i) {
         pci_skin_group *g = &q->loaded[i];
+        g->row_numbers = PCI_SCRATCH(scratch, uint32_t, q->vertex_count);
         g->bone_numbers = PCI_SCRATCH(scratch, uint32_t, q->proxy_count);
-        g->vertices = PCI_SCRATCH(scratch, uint32_t, rows);
-        g->row_offsets = PCI_SCRATCH(scratch, uint32_t, rows + 1);
-        g->positions = PCI_SCRATCH(scratch, uint32_t, (size_t)GROUP * q->slots);
-        g->places = PCI_SCRATCH(scratch, uint32_t, rows * q->slots);
-        g->moved = PCI_SCRATCH(scratch, double, rows * q->slots);
-        g->bones = PCI_SCRATCH(scratch, uint32_t, most);
-        g->gram = PCI_SCRATCH(scratch, double, most *most * q->width * q->width);
-        g->accumulator = PCI_SCRATCH(scratch, double, most * q->width);
+        g->vertices = PCI_SCRATCH(scratch, uint32_t, sizes.rows);
+        g->entries = PCI_SCRATCH(scratch, uint32_t, sizes.entries);
+        g->entry_offsets = PCI_SCRATCH(scratch, uint32_t, GROUP);
+        g->places = PCI_SCRATCH(scratch, uint32_t, (size_t)GROUP * q->slots);
+        g->bones = PCI_SCRATCH(scratch, uint32_t, sizes.bones);
+        g->moves = PCI_SCRATCH(scratch, pci_skin_move, sizes.rows * q->slots);
+        g->moved = aligned_floats(scratch, sizes.rows * stride);
+        g->gram = aligned_floats(scratch, width * stride);
+        g->own_gram = PCI_SCRATCH(scratch, double, width *width);
+        g->sum = aligned_floats(scratch, stride);
     }
     return !scratch->failed;
 }
 
 bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *problem,
-                              const double *points, const double scale[4], const double *diagonal,
-                              const double *gram, const uint32_t *allowed, pci_skin_quadratic *q) {
+                              const pci_skin_kernel *kernel, const double *points,
+                              const double scale[4], const double *diagonal, const double *gram,
+                              const uint32_t *allowed, pci_skin_quadratic *q) {
     memset(q, 0, sizeof(*q));
+    q->kernel = kernel;
     q->context = scratch->context;
     q->vertex_count = problem->vertex_count;
     q->proxy_count = problem->proxy_count;
@@ -264,62 +295,98 @@ typedef struct sweep_job {
     uint32_t *allowed; // of the quadratic, if slots are taken away
 } sweep_job;
 
-// Adds the row of a vertex: its slots that have weight or may have. `positions` (by slots, or NULL)
-// receives where they are.
-static void load_row(const sweep_job *job, size_t v, pci_skin_group *g, uint32_t *positions) {
-    const pci_skin_quadratic *q = job->q;
-    uint32_t next = g->row_offsets[g->row_count];
-    g->vertices[g->row_count] = (uint32_t)v;
-    g->row_numbers[v] = ++g->row_count;
-    for (size_t k = 0; k < q->slots; ++k) {
-        const size_t slot = q->slots * v + k;
-        const double moved = job->weights[slot] - job->reference[slot];
-        if ((q->allowed[v] >> k & 1) == 0 && moved == 0.0) {
-            continue;
-        }
-        const uint32_t bone = q->bones[slot];
-        if (g->bone_numbers[bone] == 0) {
-            g->bones[g->bone_count] = bone;
-            g->bone_numbers[bone] = ++g->bone_count;
-        }
-        if (positions != NULL) {
-            positions[k] = next;
-        }
-        g->places[next] = g->bone_numbers[bone] - 1;
-        g->moved[next++] = moved;
+static void number_bone(pci_skin_group *g, uint32_t bone) {
+    if (g->bone_numbers[bone] == 0) {
+        g->bones[g->bone_count] = bone;
+        g->bone_numbers[bone] = ++g->bone_count;
     }
-    g->row_offsets[g->row_count] = next;
 }
 
-// Collects the rows that a group needs, its own first, with bones numbered by their first
-// appearance; and the rows of G of its own bones.
-static void load_group(const sweep_job *job, uint32_t group, pci_skin_group *g) {
+static void number_row(pci_skin_group *g, uint32_t v) {
+    if (g->row_numbers[v] == 0) {
+        g->vertices[g->row_count] = v;
+        g->row_numbers[v] = ++g->row_count;
+    }
+}
+
+// Numbers the rows that a group needs, its own first; and the bones: those that its own rows may
+// use, then those along which any row has moved.
+static void number_group(const sweep_job *job, size_t first, size_t last, pci_skin_group *g) {
     const pci_skin_quadratic *q = job->q;
-    const size_t first = q->group_offsets[group], last = q->group_offsets[group + 1];
+    size_t entry = 0;
     g->row_count = g->bone_count = 0;
     for (size_t m = first; m < last; ++m) {
-        load_row(job, q->members[m], g, &g->positions[q->slots * (m - first)]);
+        const uint32_t v = q->members[m];
+        number_row(g, v);
+        for (uint32_t k = 0; k < q->slots; ++k) {
+            if (q->allowed[v] >> k & 1) {
+                number_bone(g, q->bones[(size_t)v * q->slots + k]);
+                g->places[(m - first) * q->slots + k] =
+                    g->bone_numbers[q->bones[(size_t)v * q->slots + k]] - 1;
+            }
+        }
     }
-    const size_t own_bones = g->bone_count;
+    g->own_bone_count = g->bone_count;
     for (size_t m = first; m < last; ++m) {
         const uint32_t v = q->members[m];
+        g->entry_offsets[m - first] = (uint32_t)entry;
         for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
-            if (g->row_numbers[q->columns[e]] == 0) {
-                load_row(job, q->columns[e], g, NULL);
+            number_row(g, q->columns[e]);
+            g->entries[entry++] = g->row_numbers[q->columns[e]] - 1;
+        }
+    }
+    g->move_count = 0;
+    for (uint32_t row = 0; row < g->row_count; ++row) {
+        const size_t begin = q->slots * (size_t)g->vertices[row];
+        for (size_t slot = begin; slot < begin + q->slots; ++slot) {
+            const double step = job->weights[slot] - job->reference[slot];
+            if (step != 0.0) {
+                number_bone(g, q->bones[slot]);
+                const pci_skin_move move = {row, g->bone_numbers[q->bones[slot]] - 1, (float)step};
+                g->moves[g->move_count++] = move;
             }
         }
     }
+    g->stride = row_stride(q, g->bone_count);
+}
+
+// What the rows have moved.
+static void load_moves(const pci_skin_quadratic *q, pci_skin_group *g) {
     const size_t width = q->width;
-    double *to = g->gram;
-    for (size_t b = 0; b < width * own_bones; ++b) {
+    memset(g->moved, 0, g->row_count * g->stride * sizeof(*g->moved));
+    for (size_t i = 0; i < g->move_count; ++i) {
+        const pci_skin_move *move = &g->moves[i];
+        float *moved = &g->moved[move->row * g->stride + width * move->bone];
+        const double *x = &q->points[g->vertices[move->row] * width];
+        for (size_t k = 0; k < width; ++k) {
+            moved[k] = (float)((double)move->step * x[k]);
+        }
+    }
+}
+
+// The rows of G of the own bones.
+static void load_gram(const pci_skin_quadratic *q, pci_skin_group *g) {
+    const size_t width = q->width, own = width * g->own_bone_count, count = width * g->bone_count;
+    for (size_t b = 0; b < own; ++b) {
         const size_t from = width * g->bones[b / width] + b % width;
         const double *row = &q->gram[width * q->proxy_count * from];
-        for (size_t c = 0; c < g->bone_count; ++c) {
-            for (size_t k = 0; k < width; ++k) {
-                *to++ = row[width * g->bones[c] + k];
+        float *to = &g->gram[b * g->stride];
+        for (size_t c = 0; c < count; ++c) {
+            const double value = row[width * g->bones[c / width] + c % width];
+            to[c] = (float)value;
+            if (c < own) {
+                g->own_gram[b * own + c] = value;
             }
         }
+        memset(&to[count], 0, (g->stride - count) * sizeof(*to));
     }
+}
+
+static void load_group(const sweep_job *job, uint32_t group, pci_skin_group *g) {
+    const pci_skin_quadratic *q = job->q;
+    number_group(job, q->group_offsets[group], q->group_offsets[group + 1], g);
+    load_moves(q, g);
+    load_gram(q, g);
     for (size_t b = 0; b < g->bone_count; ++b) {
         g->bone_numbers[g->bones[b]] = 0;
     }
@@ -334,74 +401,59 @@ typedef struct row_program {
     double ridge;
 } row_program;
 
-// G sum_j M_ij (w_j - w0_j) at one bone, from the sum.
-static double multiply_row(const double *row, const double *y, size_t count) {
-    double sums[4] = {0};
-    size_t b = 0;
-    for (; b + 4 <= count; b += 4) {
-        for (size_t l = 0; l < 4; ++l) {
-            sums[l] += row[b + l] * y[b + l];
-        }
-    }
-    for (; b < count; ++b) {
-        sums[0] += row[b] * y[b];
-    }
-    return (sums[0] + sums[2]) + (sums[1] + sums[3]);
-}
-
 // `width` is that of the quadratic, known where this is compiled.
-static inline __attribute__((always_inline)) void fill_row(const sweep_job *job, uint32_t v,
+static inline __attribute__((always_inline)) void fill_row(const sweep_job *job, size_t row,
+                                                           const uint32_t *entries,
                                                            const pci_skin_group *g,
-                                                           const uint32_t *positions,
                                                            const size_t width, row_program *r) {
     const pci_skin_quadratic *q = job->q;
-    const size_t own = (size_t)v * q->slots, count = width * g->bone_count;
-    const double *x = &q->points[v * width];
-    double *y = g->accumulator, trace = 0.0;
-    memset(y, 0, count * sizeof(*y));
-    for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
-        const uint32_t row = g->row_numbers[q->columns[e]] - 1;
-        const double value = q->values[e], *other = &q->points[q->columns[e] * width];
-        for (size_t k = g->row_offsets[row]; k < g->row_offsets[row + 1]; ++k) {
-            const double moved = value * g->moved[k];
-            for (size_t c = 0; c < width; ++c) {
-                y[width * g->places[k] + c] += width > 1 ? moved * other[c] : moved;
-            }
-        }
-    }
-    const double diagonal = q->values[q->offsets[v]];
-    uint32_t places[PCI_SKIN_SLOTS_MAX];
+    const size_t v = g->vertices[row], first = q->offsets[v];
+    const double *x = &q->points[v * width], diagonal = (double)q->values[first];
+    double trace = 0.0;
+    uint32_t numbers[PCI_SKIN_SLOTS_MAX * PCI_SKIN_COLUMNS_MAX];
+    float products[PCI_SKIN_SLOTS_MAX * PCI_SKIN_COLUMNS_MAX];
+    size_t places[PCI_SKIN_SLOTS_MAX];
     r->count = 0;
     for (uint32_t k = 0; k < q->slots; ++k) {
         if (q->allowed[v] >> k & 1) {
-            places[r->count] = g->places[positions[k]];
+            const uint32_t place = g->places[row * q->slots + k];
+            for (uint32_t c = 0; c < width; ++c) {
+                numbers[width * r->count + c] = (uint32_t)width * place + c;
+            }
+            places[r->count] = place;
             r->slots[r->count] = k;
-            r->weights[r->count++] = job->weights[own + k];
+            r->weights[r->count++] = job->weights[v * q->slots + k];
         }
     }
+    const pci_skin_rows rows = {.stride = g->stride,
+                                .moved = g->moved,
+                                .gram = g->gram,
+                                .entry_count = q->offsets[v + 1] - first,
+                                .entries = entries,
+                                .values = &q->values[first]};
+    q->kernel->multiply_rows(&rows, width * r->count, numbers, g->sum, products);
     for (uint32_t i = 0; i < r->count; ++i) {
-        const double *rows = &g->gram[count * width * places[i]];
-        double sum = multiply_row(rows, y, count);
+        double sum = (double)products[width * i];
         for (size_t k = 1; k < width; ++k) {
-            sum += x[k] * multiply_row(&rows[k * count], y, count);
+            sum += x[k] * (double)products[width * i + k];
         }
-        r->gradient[i] = job->gradient[own + r->slots[i]] + sum;
-        for (uint32_t j = 0; j < r->count; ++j) {
-            const double product =
-                pci_skin_gram_product(g->gram, g->bone_count, width, places[i], places[j], x, x);
-            r->a[i * r->count + j] = diagonal * product;
+        r->gradient[i] = job->gradient[v * q->slots + r->slots[i]] + sum;
+        for (uint32_t j = 0; j <= i; ++j) {
+            const double product = pci_skin_gram_product(g->own_gram, g->own_bone_count, width,
+                                                         places[i], places[j], x, x);
+            r->a[i * r->count + j] = r->a[j * r->count + i] = diagonal * product;
         }
         trace += r->a[i * r->count + i];
     }
     r->ridge = ridge_share * trace + DBL_MIN;
 }
 
-static void extract_row(const sweep_job *job, uint32_t v, const pci_skin_group *g,
-                        const uint32_t *positions, row_program *r) {
+static void extract_row(const sweep_job *job, size_t row, const uint32_t *entries,
+                        const pci_skin_group *g, row_program *r) {
     if (job->q->width == 1) {
-        fill_row(job, v, g, positions, 1, r);
+        fill_row(job, row, entries, g, 1, r);
     } else {
-        fill_row(job, v, g, positions, PCI_SKIN_COLUMNS_MAX, r);
+        fill_row(job, row, entries, g, PCI_SKIN_COLUMNS_MAX, r);
     }
 }
 
@@ -437,26 +489,44 @@ static void drop_slot(row_program *r, uint32_t out) {
     r->count = n - 1;
 }
 
-static void minimize_row(const sweep_job *job, uint32_t v, const pci_skin_group *g) {
+// Takes what a slot has over its reference.
+static void move_slot(const sweep_job *job, size_t row, uint32_t slot, double weight,
+                      pci_skin_group *g) {
     const pci_skin_quadratic *q = job->q;
-    const size_t own = (size_t)v * q->slots;
-    const uint32_t *positions = &g->positions[(size_t)q->slots * (g->row_numbers[v] - 1)];
+    const size_t v = g->vertices[row], at = v * q->slots + slot, width = q->width;
+    float *moved = &g->moved[row * g->stride + width * g->places[row * q->slots + slot]];
+    job->weights[at] = weight;
+    for (size_t k = 0; k < width; ++k) {
+        moved[k] = (float)((weight - job->reference[at]) * q->points[v * width + k]);
+    }
+}
+
+static void minimize_row(const sweep_job *job, size_t row, const uint32_t *entries,
+                         pci_skin_group *g) {
+    const size_t v = g->vertices[row];
     row_program r;
-    extract_row(job, v, g, positions, &r);
+    if (job->q->allowed[v] == 0) {
+        return;
+    }
+    extract_row(job, row, entries, g, &r);
     pci_simplex_minimize(r.count, r.a, r.ridge, r.weights, r.gradient);
     while (job->kept > 0 && r.count > job->kept) {
         const uint32_t out = pci_simplex_least(r.count, r.a, r.ridge, r.weights);
-        const uint32_t slot = r.slots[out];
-        job->allowed[v] &= ~((uint32_t)1 << slot);
-        job->weights[own + slot] = 0.0;
-        g->moved[positions[slot]] = -job->reference[own + slot];
+        job->allowed[v] &= ~((uint32_t)1 << r.slots[out]);
+        move_slot(job, row, r.slots[out], 0.0, g);
         drop_slot(&r, out);
         pci_simplex_minimize(r.count, r.a, r.ridge, r.weights, r.gradient);
     }
     for (uint32_t i = 0; i < r.count; ++i) {
-        const uint32_t slot = r.slots[i];
-        job->weights[own + slot] = r.weights[i];
-        g->moved[positions[slot]] = r.weights[i] - job->reference[own + slot];
+        move_slot(job, row, r.slots[i], r.weights[i], g);
+    }
+}
+
+// Visits the rows of a group in order, or from the last to the first.
+static void visit_group(const sweep_job *job, size_t count, bool backward, pci_skin_group *g) {
+    for (size_t m = 0; m < count; ++m) {
+        const size_t row = backward ? count - 1 - m : m;
+        minimize_row(job, row, &g->entries[g->entry_offsets[row]], g);
     }
 }
 
@@ -466,10 +536,11 @@ static void sweep_groups(void *user, size_t begin, size_t end, uint32_t worker) 
     pci_skin_group *g = &q->loaded[worker];
     for (size_t i = begin; i < end; ++i) {
         const uint32_t group = job->groups[i];
-        const uint32_t first = q->group_offsets[group], last = q->group_offsets[group + 1];
+        const size_t count = q->group_offsets[group + 1] - q->group_offsets[group];
         load_group(job, group, g);
-        for (uint32_t m = first; m < last; ++m) {
-            minimize_row(job, q->members[job->backward ? last - 1 - (m - first) : m], g);
+        visit_group(job, count, false, g);
+        if (job->kept == 0) {
+            visit_group(job, count, true, g);
         }
         for (size_t r = 0; r < g->row_count; ++r) {
             g->row_numbers[g->vertices[r]] = 0;

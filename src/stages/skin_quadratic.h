@@ -2,9 +2,12 @@
 //
 //   E(W) = E(W0) + <g0, W - W0> + 1/2 sum (w - w0)_ib H_ib,jc (w - w0)_jc,
 //   H_ib,jc = M_ij x^_i^T G[B_ib, B_jc] x^_j
-// with M = 2 (weighted Laplacians of L_r, L_c and L_s + K^T K of L_a + diagonal of L_t), and x^ and
-// A of skin_driver.h: G[b, c] = sum A_b^T A_c over all frames. With one column G is the Gram matrix
-// of the displacements of the proxy, and x^ = 1.
+// with M = 2 (weighted Laplacians of L_r, L_c, L_s and L_a + diagonal of L_f), and x^ and A of
+// skin_driver.h: G[b, c] = sum A_b^T A_c over all frames. With one column G is the Gram matrix of
+// the displacements of the proxy, and x^ = 1.
+//
+// The rows of K sum to 0, so |x_i - sum_j Kw_ij x_j|^2 <= sum_j Kw_ij |x_i - x_j|^2 (Jensen): this
+// bound stands for L_a. M then has an entry for each neighbour only, half of those of K^T K.
 #ifndef PCI_SKIN_QUADRATIC_H
 #define PCI_SKIN_QUADRATIC_H
 
@@ -15,30 +18,40 @@
 // With half of the bound or more, sweeps still converge.
 double pci_skin_ring_scale(const double scale[4]);
 
+typedef struct pci_skin_move {
+    uint32_t row, bone;
+    float step; // w - w0
+} pci_skin_move;
+
 // What the vertices of one group need, close together in memory.
 typedef struct pci_skin_group {
-    uint32_t row_count, bone_count;
-    uint32_t *row_numbers;  // #V: 1 + number of the row, or 0
-    uint32_t *bone_numbers; // #P: likewise, while the group is loaded
-    uint32_t *vertices;     // #rows, those of the group first
-    uint32_t *row_offsets;  // #rows + 1
-    uint32_t *places;       // slots of all rows: numbers of the bones
-    double *moved;          // slots of all rows: w - w0
-    uint32_t *positions;    // of the slots of the group, in the two arrays above
-    uint32_t *bones;        // #bones
-    double *gram;           // #bones width by #bones width, rows of the bones of the group
-    double *accumulator;    // #bones width
+    uint32_t row_count, own_bone_count, bone_count;
+    size_t stride;           // numbers per row: width by #bones, filled up
+    uint32_t *row_numbers;   // #V: 1 + number of the row, or 0
+    uint32_t *bone_numbers;  // #P: likewise, while the group is loaded
+    uint32_t *vertices;      // #rows, those of the group first
+    uint32_t *entry_offsets; // #rows of the group
+    uint32_t *entries;       // of M in the rows of the group: numbers of the rows
+    uint32_t *places;        // slots of the rows of the group: numbers of the bones
+    uint32_t *bones;         // #bones, those of the group first
+    size_t move_count;
+    pci_skin_move *moves; // slots of all rows that have moved when the group is loaded
+    float *moved;         // #rows by stride: (w - w0) x^ of each bone
+    float *gram;          // #own bones width by stride: G
+    double *own_gram;     // #own bones width by #own bones width
+    float *sum;           // stride
 } pci_skin_group;
 
 typedef struct pci_skin_quadratic {
     pc_context *context;
+    const pci_skin_kernel *kernel;
     size_t vertex_count, proxy_count;
     uint32_t slots, width; // width: numbers of x^
     const uint32_t *bones; // #V by slots
     const double *points;  // #V by width: x^
     size_t *offsets;       // #V + 1: rows of M, the diagonal is the first entry
     uint32_t *columns;
-    double *values;
+    float *values;
     const double *gram;      // G, #P width by #P width
     const uint32_t *allowed; // #V, bit k: slot k may have weight
     // Vertices in groups; groups of one colour share no entry of M.
@@ -53,16 +66,17 @@ typedef struct pci_skin_quadratic {
 // `scale`: factors of the losses; `diagonal` (#V): what else M / 2 has there. `points`, `gram` and
 // `allowed` stay the caller's. False: out of memory.
 bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *problem,
-                              const double *points, const double scale[4], const double *diagonal,
-                              const double *gram, const uint32_t *allowed,
-                              pci_skin_quadratic *quadratic);
+                              const pci_skin_kernel *kernel, const double *points,
+                              const double scale[4], const double *diagonal, const double *gram,
+                              const uint32_t *allowed, pci_skin_quadratic *quadratic);
 
 // Other factors of the losses. False: out of memory.
 bool pci_skin_quadratic_weigh(pci_scratch *scratch, const pci_skin_problem *problem,
                               const double scale[4], const double *diagonal,
                               pci_skin_quadratic *quadratic);
 
-// One Gauss-Seidel sweep over all vertices, each minimised exactly over the simplex.
+// Gauss-Seidel over the groups, each swept there and back: every vertex is minimised exactly over
+// the simplex, twice.
 // @param[in]     reference, gradient  W0 and g0.
 // @param[in,out] weights              W.
 void pci_skin_quadratic_sweep(const pci_skin_quadratic *quadratic, const double *reference,

@@ -3,40 +3,71 @@
 
 #include "stages/skin_frames.h"
 
-// y = (A + ridge I)^-1 y and z likewise on the free slots, by Cholesky factors.
-static void solve_free(uint32_t count, const double *a, double ridge, uint32_t n,
-                       const uint32_t *slots, double *y, double *z) {
-    double l[PCI_SKIN_SLOTS_MAX][PCI_SKIN_SLOTS_MAX], inverse[PCI_SKIN_SLOTS_MAX];
+// y = (A + ridge I)^-1 y and z likewise on the free slots, by factors L D L^T. Compiled for each
+// small n: most of the time would go into the ends of short loops.
+static inline __attribute__((always_inline)) void solve_n(uint32_t count, const double *a,
+                                                          double ridge, const uint32_t n,
+                                                          const uint32_t *slots, double *y,
+                                                          double *z) {
+    double l[PCI_SKIN_SLOTS_MAX][PCI_SKIN_SLOTS_MAX];
+    double inverse[PCI_SKIN_SLOTS_MAX], scaled[PCI_SKIN_SLOTS_MAX];
     for (uint32_t i = 0; i < n; ++i) {
         const double *row = &a[(size_t)slots[i] * count];
+        double diagonal = row[slots[i]] + ridge, sum_y = y[i], sum_z = z[i];
         for (uint32_t j = 0; j < i; ++j) {
             double sum = row[slots[j]];
             for (uint32_t k = 0; k < j; ++k) {
-                sum -= l[i][k] * l[j][k];
+                sum -= scaled[k] * l[j][k];
             }
+            scaled[j] = sum;
             l[i][j] = sum * inverse[j];
-        }
-        double diagonal = row[slots[i]] + ridge;
-        for (uint32_t k = 0; k < i; ++k) {
-            diagonal -= l[i][k] * l[i][k];
+            diagonal -= sum * l[i][j];
+            sum_y -= l[i][j] * y[j];
+            sum_z -= l[i][j] * z[j];
         }
         // Rounding may leave less than the ridge.
-        inverse[i] = 1.0 / sqrt(diagonal > ridge ? diagonal : ridge);
-        double sum_y = y[i], sum_z = z[i];
-        for (uint32_t k = 0; k < i; ++k) {
-            sum_y -= l[i][k] * y[k];
-            sum_z -= l[i][k] * z[k];
-        }
-        y[i] = sum_y * inverse[i];
-        z[i] = sum_z * inverse[i];
+        inverse[i] = 1.0 / (diagonal > ridge ? diagonal : ridge);
+        y[i] = sum_y;
+        z[i] = sum_z;
     }
     for (uint32_t i = n; i-- > 0;) {
+        double sum_y = y[i] * inverse[i], sum_z = z[i] * inverse[i];
         for (uint32_t k = i + 1; k < n; ++k) {
-            y[i] -= l[k][i] * y[k];
-            z[i] -= l[k][i] * z[k];
+            sum_y -= l[k][i] * y[k];
+            sum_z -= l[k][i] * z[k];
         }
-        y[i] *= inverse[i];
-        z[i] *= inverse[i];
+        y[i] = sum_y;
+        z[i] = sum_z;
+    }
+}
+
+static void solve_free(uint32_t count, const double *a, double ridge, uint32_t n,
+                       const uint32_t *slots, double *y, double *z) {
+    switch (n) {
+    case 2:
+        solve_n(count, a, ridge, 2, slots, y, z);
+        break;
+    case 3:
+        solve_n(count, a, ridge, 3, slots, y, z);
+        break;
+    case 4:
+        solve_n(count, a, ridge, 4, slots, y, z);
+        break;
+    case 5:
+        solve_n(count, a, ridge, 5, slots, y, z);
+        break;
+    case 6:
+        solve_n(count, a, ridge, 6, slots, y, z);
+        break;
+    case 7:
+        solve_n(count, a, ridge, 7, slots, y, z);
+        break;
+    case 8:
+        solve_n(count, a, ridge, 8, slots, y, z);
+        break;
+    default:
+        solve_n(count, a, ridge, n, slots, y, z);
+        break;
     }
 }
 

@@ -107,7 +107,7 @@ static bool make(pc_context *context, garments *g, size_t joint_count, uint32_t 
         good = g->pose != NULL;
     }
     if (good) {
-        pc_deform_pose(g->deformers[0], rest, 0, g->pose);
+        pc_deform_pose(g->deformers[0], &(pc_deform_input){.joints = rest}, g->pose);
     }
     free(positions);
     free(rest);

@@ -101,6 +101,15 @@ run 0 build outfit.obj -o alone $quick --vertices 24 --no-png --name outfit.lod2
 for extension in glb h5 proxy.obj; do
     same series/outfit.lod24.$extension alone/outfit.lod24.$extension
 done
+run 0 build $quick --vertices 24,60 --print-options
+mv stdout series.json
+run 0 build outfit.obj -o listed --options series.json --no-png
+for file in series/*; do
+    [ "$file" = series/outfit.lod24.json ] || [ "$file" = series/outfit.lod60.json ] ||
+        same "$file" "listed/${file#series/}"
+done
+run 0 build outfit.obj -o single --options series.json --vertices 24 --no-png
+holds single "outfit.glb outfit.h5 outfit.json outfit.proxy.obj"
 cp stages.h5 kept.h5
 run 0 simplify stages.h5 --vertices 24,60
 same stages.h5 kept.h5

@@ -20,6 +20,7 @@ static int play(pc_context *context, const pc_asset *asset) {
     void *pose = malloc(pc_deform_pose_size(deformer));
     double length = 0.0, extent = 0.0;
     if (proxy != NULL && buffer != NULL && pose != NULL) {
+        const pc_deform_input input = {.joints = proxy};
         const pc_deform_output output = {.positions = buffer,
                                          .position_stride = FLOATS * sizeof(float),
                                          .normals = buffer + 3,
@@ -28,7 +29,7 @@ static int play(pc_context *context, const pc_asset *asset) {
             for (size_t i = 0; i < 3 * joints; ++i) {
                 proxy[i] = (float)asset->motion.positions[3 * frame * joints + i];
             }
-            pc_deform_pose(deformer, proxy, 0, pose);
+            pc_deform_pose(deformer, &input, pose);
             pc_deform(deformer, pose, 0, vertices / 2, &output);
             pc_deform(deformer, pose, vertices / 2, vertices, &output);
         }

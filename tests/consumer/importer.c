@@ -65,11 +65,12 @@ static int advance(garment *g, const double *pins) {
     for (size_t k = 0; k < 3 * g->joints; ++k) {
         g->proxy[k] = (float)positions[k];
     }
+    const pc_deform_input input = {.joints = g->proxy};
     const pc_deform_output output = {.positions = g->buffer,
                                      .position_stride = FLOATS * sizeof(float),
                                      .normals = g->buffer + 3,
                                      .normal_stride = FLOATS * sizeof(float)};
-    pc_deform_pose(g->deformer, g->proxy, 0, g->pose);
+    pc_deform_pose(g->deformer, &input, g->pose);
     pc_deform(g->deformer, g->pose, 0, g->vertices / 2, &output);           /* one job */
     pc_deform(g->deformer, g->pose, g->vertices / 2, g->vertices, &output); /* another one */
     return 0;

@@ -57,7 +57,9 @@ class Garment {
         for (size_t k = 0; k < joints_.size(); ++k) {
             joints_[k] = static_cast<float>(positions[k]);
         }
-        pc_deform_pose(deformer_, joints_.data(), 0, pose_.data());
+        pc_deform_input input = {};
+        input.joints = joints_.data();
+        pc_deform_pose(deformer_, &input, pose_.data());
         const pc_deform_output output = {vertices_[0].position, sizeof(Vertex), vertices_[0].normal,
                                          sizeof(Vertex)};
         pc_deform(deformer_, pose_.data(), 0, vertices_.size(), &output);

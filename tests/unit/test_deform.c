@@ -2,6 +2,7 @@
 #include "core/rotation.h"
 #include "core/topology.h"
 #include "deform_kernel.h"
+#include "support/character_fixture.h"
 #include "support/glb.h"
 #include "support/memory.h"
 
@@ -77,7 +78,7 @@ static void expected_position(const sample *s, size_t v, double out[3]) {
 static void *make_pose(const pc_deformer *deformer, const float *joints, size_t misplaced) {
     char *memory = malloc(pc_deform_pose_size(deformer) + misplaced);
     assert_non_null(memory);
-    pc_deform_pose(deformer, joints, 0, memory + misplaced);
+    pc_deform_pose(deformer, &(pc_deform_input){.joints = joints}, memory + misplaced);
     return memory;
 }
 
@@ -253,7 +254,7 @@ static void rigid_motion_turns_normals(void **state) {
             }
         }
         void *pose = malloc(pc_deform_pose_size(deformer));
-        pc_deform_pose(deformer, joints, 16, pose);
+        pc_deform_pose(deformer, &(pc_deform_input){.joints = joints, .joint_stride = 16}, pose);
         pc_deform(deformer, pose, 0, 200,
                   &(pc_deform_output){.positions = positions, .normals = normals});
         for (size_t v = 0; v < 200; ++v) {
@@ -367,7 +368,9 @@ static void joints_turn_positions(void **state) {
         assert_ok(context, pc_deform_prepare(context, &s->arrays, &deformer));
         void *pose = make_pose(deformer, s->moved, 0);
         if (i >= 6) {
-            pc_deform_pose_rotated(deformer, s->moved, 0, rotations, 32, pose);
+            const pc_deform_input given = {
+                .joints = s->moved, .rotations = rotations, .rotation_stride = 32};
+            pc_deform_pose(deformer, &given, pose);
         }
         float out[3 * 53], normals[3 * 53];
         pc_deform(deformer, pose, 0, 53,
@@ -397,6 +400,91 @@ static void joints_turn_positions(void **state) {
         free(pose);
         pc_deform_destroy(context, deformer);
         pc_rotation_estimator_destroy(context, estimator);
+        free(s);
+    }
+    pc_context_destroy(context);
+}
+
+// v = sum over joints w (p + R (v(0) - p(0))) + sum over bones w A v(0) in double, R the identity
+// where joints only move; normals by the linear parts.
+static void bones_carry_vertices(void **state) {
+    (void)state;
+    enum { COUNT = 61, BONES = 5, PROXY = JOINTS - BONES };
+    pc_context *context = test_context(1);
+    for (size_t i = 0; i < 8; ++i) {
+        sample *s = make_sample(COUNT, i % 2 == 0 ? 4 : 7);
+        const bool turning = i >= 4, normals = i % 4 < 2, resting = i == 3;
+        float rotations[4 * PROXY], bones[13 * BONES], out[3 * COUNT], turned[3 * COUNT];
+        double maps[12 * JOINTS];
+        for (size_t j = 0; j < JOINTS; ++j) {
+            double q[4], r[9], *map = &maps[12 * j];
+            for (size_t k = 0; k < 4; ++k) {
+                q[k] = (double)between(20 + i, 4 * j + k, -1.0, 1.0);
+            }
+            const double length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+            for (size_t k = 0; k < 4; ++k) {
+                q[k] /= length;
+                if (j < PROXY) {
+                    rotations[4 * j + k] = (float)q[k];
+                }
+            }
+            pci_matrix_of_quaternion(q, r);
+            for (size_t k = 0; k < 12; ++k) {
+                const size_t row = k / 4, column = k % 4;
+                map[k] = column == 3     ? (double)s->moved[3 * j + row]
+                         : !resting      ? r[3 * row + column]
+                         : row == column ? 1.0
+                                         : 0.0;
+                map[k] = column == 3 && resting ? 0.0 : map[k];
+                if (j >= PROXY) {
+                    bones[13 * (j - PROXY) + k] = (float)map[k];
+                }
+            }
+        }
+        s->arrays.joint_count = PROXY;
+        s->arrays.bone_count = BONES;
+        s->arrays.triangle_count = PROXY - 2;
+        s->arrays.skinning = turning ? PC_SKINNING_ROTATION : PC_SKINNING_TRANSLATION;
+        s->arrays.normals = normals ? s->normals : NULL;
+        pc_deformer *deformer = NULL;
+        assert_ok(context, pc_deform_prepare(context, &s->arrays, &deformer));
+        char *pose = malloc(pc_deform_pose_size(deformer) + 4);
+        const pc_deform_input input = {.joints = s->moved,
+                                       .rotations = rotations,
+                                       .bones = resting ? NULL : bones,
+                                       .bone_stride = 13 * sizeof(float)};
+        pc_deform_pose(deformer, &input, pose + 4);
+        pc_deform(deformer, pose + 4, 0, COUNT,
+                  &(pc_deform_output){.positions = out, .normals = normals ? turned : NULL});
+        for (size_t v = 0; v < COUNT; ++v) {
+            double sum = 0.0, expected[3] = {0.0}, normal[3] = {0.0};
+            for (size_t k = v * s->arrays.influences; k < (v + 1) * s->arrays.influences; ++k) {
+                const size_t joint = s->joints[k];
+                const double w = (double)s->weights[k], *map = &maps[12 * joint];
+                const bool bone = joint >= PROXY;
+                for (size_t c = 0; c < 9; ++c) {
+                    const size_t row = c / 3, column = c % 3;
+                    const double origin = bone ? 0.0 : (double)s->rest[3 * joint + column];
+                    const double straight = row == column ? 1.0 : 0.0;
+                    expected[row] += w * (bone || turning ? map[4 * row + column] : straight) *
+                                     ((double)s->positions[3 * v + column] - origin);
+                    normal[row] += w * map[4 * row + column] * (double)s->normals[3 * v + column];
+                }
+                for (size_t c = 0; c < 3; ++c) {
+                    expected[c] += w * (bone ? map[4 * c + 3] : (double)s->moved[3 * joint + c]);
+                }
+                sum += w;
+            }
+            const double length = pci_norm(normal);
+            for (size_t c = 0; c < 3; ++c) {
+                assert_close((double)out[3 * v + c], expected[c] / sum, 3e-6);
+                if (normals) {
+                    assert_close((double)turned[3 * v + c], normal[c] / length, 1e-4);
+                }
+            }
+        }
+        free(pose);
+        pc_deform_destroy(context, deformer);
         free(s);
     }
     pc_context_destroy(context);
@@ -455,7 +543,7 @@ static const cJSON *proxy_extras(const glb *g) {
 
 // What an engine has after loading a primitive: arrays of a GLB, nothing of this library.
 static pc_deformer *prepare_from_glb(pc_context *context, const glb *g, const cJSON *primitive,
-                                     size_t *count) {
+                                     size_t bone_count, size_t *count) {
     double *positions = read_attribute(g, primitive, "POSITION", count);
     uint32_t sets = 0;
     double *bones[8], *weights[8];
@@ -472,6 +560,7 @@ static pc_deformer *prepare_from_glb(pc_context *context, const glb *g, const cJ
     size_t joint_count = 0;
     double *matrices =
         read_accessor(g, number(element(g, "skins", 0), "inverseBindMatrices"), &joint_count);
+    joint_count -= bone_count;
     float *floats = calloc(3 * *count + 4 * sets * *count + 3 * joint_count, sizeof(float));
     float *packed = floats + 3 * *count, *rest = packed + 4 * sets * *count;
     uint32_t *packed_joints = calloc(4 * sets * *count, sizeof(uint32_t));
@@ -507,6 +596,7 @@ static pc_deformer *prepare_from_glb(pc_context *context, const glb *g, const cJ
                                      .joints = packed_joints,
                                      .weights = packed,
                                      .joint_count = joint_count,
+                                     .bone_count = bone_count,
                                      .joint_positions = rest};
     pc_deformer *deformer = NULL;
     assert_ok(context, pc_deform_prepare(context, &arrays, &deformer));
@@ -533,8 +623,10 @@ static float *joints_at(const pc_asset *asset, size_t frame) {
     return joints;
 }
 
-static float *deform_at(const pc_deformer *deformer, const float *joints) {
-    void *pose = make_pose(deformer, joints, 0);
+static float *deform_at(const pc_deformer *deformer, const float *joints, const float *bones) {
+    void *pose = malloc(pc_deform_pose_size(deformer));
+    assert_non_null(pose);
+    pc_deform_pose(deformer, &(pc_deform_input){.joints = joints, .bones = bones}, pose);
     float *out = calloc(3 * pc_deform_vertex_count(deformer), sizeof(float));
     assert_non_null(out);
     pc_deform(deformer, pose, 0, pc_deform_vertex_count(deformer),
@@ -543,15 +635,30 @@ static float *deform_at(const pc_deformer *deformer, const float *joints) {
     return out;
 }
 
+// A character whose arm the garment follows near its pins; its clip has a pose per frame.
+static void attach_body(pc_context *context, pc_asset *asset) {
+    fixture_character(context, (const double[3]){0.0, 1.2, 0.0}, 0.3, 1, &asset->character);
+    asset->options.skin.body_blend = 0.5;
+    asset->options.skin.weight_storage = PC_SKIN_WEIGHTS_FLOAT;
+    asset->scenario.attachment.kind = PC_ATTACHMENT_CLIP;
+    memcpy(asset->scenario.attachment.clip, "turn", sizeof("turn"));
+    asset->motion.frame_time = 0.1; // three poses of the clip
+}
+
 // The GLB's bytes, posed by a reader of its own, and pc_deform on the GLB's arrays and on the
-// asset: the same within 1e-5 of the diagonal.
+// asset: the same within 1e-5 of the diagonal. Joints move, turn, move beside a body, turn beside
+// one.
 static void deform_is_the_posed_glb(void **state) {
     (void)state;
     pc_context *context = test_context(1);
-    for (uint32_t round = 0; round < 6; ++round) {
+    for (uint32_t round = 0; round < 12; ++round) {
         pc_asset asset;
         fixture_asset(context, 4 + round % 3 * 4, &asset);
-        asset.skin.skinning = round < 3 ? PC_SKINNING_TRANSLATION : PC_SKINNING_ROTATION;
+        asset.skin.skinning = round / 3 % 2 == 0 ? PC_SKINNING_TRANSLATION : PC_SKINNING_ROTATION;
+        if (round >= 6) {
+            attach_body(context, &asset);
+        }
+        const size_t bone_count = asset.character.joint_count;
         assert_ok(context, pc_export_glb(context, &asset, path));
         glb g = read_glb(path);
         const double tolerance = 1e-5 * pci_diagonal(&asset.visual.surface);
@@ -562,11 +669,13 @@ static void deform_is_the_posed_glb(void **state) {
         const cJSON *primitive;
         cJSON_ArrayForEach(primitive, child(element(&g, "meshes", 0), "primitives")) {
             size_t count = 0, index_count = 0;
-            pc_deformer *part = prepare_from_glb(context, &g, primitive, &count);
+            pc_deformer *part = prepare_from_glb(context, &g, primitive, bone_count, &count);
             double *indices = read_accessor(&g, number(primitive, "indices"), &index_count);
             for (size_t frame = 0; frame < FIXTURE_FRAMES; ++frame) {
                 float *joints = joints_at(&asset, frame);
-                float *by_part = deform_at(part, joints), *by_whole = deform_at(whole, joints);
+                const float *bones = round >= 6 ? &asset.character.poses[72 * (frame + 1)] : NULL;
+                float *by_part = deform_at(part, joints, bones);
+                float *by_whole = deform_at(whole, joints, bones);
                 double *posed = pose_primitive(&g, primitive, frame, &count);
                 for (size_t i = 0; i < 3 * count; ++i) {
                     assert_close((double)by_part[i], posed[i], tolerance);
@@ -657,6 +766,9 @@ static void refuses_bad_input(void **state) {
     s->arrays.joint_count = 65537;
     expect_refusal(context, s, PC_ERROR_TOO_LARGE);
     s->arrays = good;
+    s->arrays.bone_count = 65537 - JOINTS;
+    expect_refusal(context, s, PC_ERROR_TOO_LARGE);
+    s->arrays = good;
     s->arrays.influences = 33;
     expect_refusal(context, s, PC_ERROR_TOO_LARGE);
     s->arrays = good;
@@ -725,6 +837,7 @@ int main(void) {
         cmocka_unit_test(rigid_motion_turns_normals),
         cmocka_unit_test(bending_turns_normals),
         cmocka_unit_test(joints_turn_positions),
+        cmocka_unit_test(bones_carry_vertices),
         cmocka_unit_test(rings_without_area_do_not_turn),
         cmocka_unit_test(deform_is_the_posed_glb),
         cmocka_unit_test(refuses_bad_input),

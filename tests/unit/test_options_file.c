@@ -109,6 +109,57 @@ static void failures_name_the_key_and_change_nothing(void **state) {
     pc_context_destroy(context);
 }
 
+// A list for the option that may be one, alone or below its stage; the last value is in the struct.
+static void an_option_may_be_a_list(void **state) {
+    (void)state;
+    static const struct {
+        const char *text, *message;
+    } bad[] = {
+        {"{\"vertices\": [64, 3]}", "o.json: vertices[1]: simplify: option vertices = 3 is out of"},
+        {"{\"vertices\": [64, \"auto\"]}", "o.json: vertices[1]: must be a number"},
+        {"{\"vertices\": [64, 32, 64]}",
+         "o.json: vertices[2]: simplify: vertices: 64 is given twice"},
+        {"{\"vertices\": []}", "o.json: vertices: the list is empty"},
+        {"{\"vertices\": [9,10,11,12,13,14,15,16,17,18,19,20,21,22,23,24,25]}",
+         "o.json: vertices[16]: simplify: vertices: more than 16 values"},
+        {"{\"voxels\": [32, 64]}", "o.json: voxels: must be a number"},
+    };
+    pc_context *context = test_context(1);
+    fixture f;
+    set_up(&f);
+    pc_series series = {.name = "vertices"};
+    assert_int_not_equal(parse(context, "{\"vertices\": [64, 512]}", &f), PC_OK);
+    f.groups[PC_STAGE_SIMPLIFY].series = &series;
+    assert_ok(context, parse(context, "{\"vertices\": [64, 512]}", &f));
+    assert_int_equal(series.count, 2);
+    assert_int_equal(series.values[0], 64);
+    assert_int_equal(series.values[1], 512);
+    assert_int_equal(f.options.simplify.vertices, 512);
+    for (size_t i = 0; i < sizeof(bad) / sizeof(bad[0]); ++i) {
+        assert_int_equal(parse(context, bad[i].text, &f), PC_ERROR_INVALID_OPTIONS);
+        assert_non_null(strstr(pc_context_error(context)->message, bad[i].message));
+        assert_int_equal(series.count, 2);
+        assert_int_equal(f.options.simplify.vertices, 512);
+    }
+    // What is printed reads back.
+    char *text = NULL;
+    assert_ok(context, pc_options_print(context, f.groups, PC_STAGE_COUNT, &text));
+    series.count = 0;
+    assert_ok(context, parse(context, text, &f));
+    assert_int_equal(series.count, 2);
+    assert_int_equal(series.values[1], 512);
+    pc_release(context, text);
+    // Below the stage wins; a single value ends the list.
+    assert_ok(context,
+              parse(context, "{\"vertices\": [8, 9], \"simplify\": {\"vertices\": [7]}}", &f));
+    assert_int_equal(series.count, 1);
+    assert_int_equal(series.values[0], 7);
+    assert_ok(context, parse(context, "{\"vertices\": 99}", &f));
+    assert_int_equal(series.count, 0);
+    assert_int_equal(f.options.simplify.vertices, 99);
+    pc_context_destroy(context);
+}
+
 // Every option at its limits and in between comes back as it was.
 static void printed_options_read_back(void **state) {
     (void)state;
@@ -174,6 +225,7 @@ int main(void) {
         cmocka_unit_test(names_stand_alone_or_below_their_stage),
         cmocka_unit_test(presets_come_first),
         cmocka_unit_test(failures_name_the_key_and_change_nothing),
+        cmocka_unit_test(an_option_may_be_a_list),
         cmocka_unit_test(printed_options_read_back),
         cmocka_unit_test(memory_may_run_out),
     };

@@ -526,6 +526,49 @@ static void instruction_sets_agree(void **state) {
     }
     free_fixture(&f);
 }
+
+static void instruction_sets_agree_on_rows(void **state) {
+    (void)state;
+    const pci_skin_kernel *const kernels[3] = {&pci_skin_generic_float, &pci_skin_avx2_float,
+                                               &pci_skin_avx512_float};
+    const bool usable[3] = {true, __builtin_cpu_supports("avx2") != 0,
+                            __builtin_cpu_supports("avx512f") != 0};
+    enum { ROWS = 5, STRIDE = 3 * PCI_SKIN_STRIDE };
+    static float moved[ROWS * STRIDE] __attribute__((aligned(64)));
+    static float gram[ROWS * STRIDE] __attribute__((aligned(64)));
+    static float sum[STRIDE] __attribute__((aligned(64)));
+    const uint32_t entries[3] = {4, 0, 3}, numbers[4] = {1, 1, 0, 4};
+    const float values[3] = {0.3f, -1.7f, 2.9f};
+    for (uint64_t i = 0; i < ROWS * STRIDE; ++i) {
+        moved[i] = (float)(pci_random(5, 1, i) - 0.5);
+        gram[i] = (float)(pci_random(5, 2, i) - 0.5);
+    }
+    const pci_skin_rows rows = {.stride = STRIDE,
+                                .moved = moved,
+                                .gram = gram,
+                                .entry_count = 3,
+                                .entries = entries,
+                                .values = values};
+    float first[4], other[4];
+    for (size_t i = 0; i < 3; ++i) {
+        if (usable[i]) {
+            kernels[i]->multiply_rows(&rows, 4, numbers, sum, i == 0 ? first : other);
+        }
+        if (usable[i] && i > 0) {
+            assert_memory_equal(first, other, sizeof(first));
+        }
+    }
+    for (size_t k = 0; k < 4; ++k) {
+        double expected = 0.0;
+        for (size_t e = 0; e < 3; ++e) {
+            for (size_t b = 0; b < STRIDE; ++b) {
+                expected += (double)values[e] * (double)moved[entries[e] * STRIDE + b] *
+                            (double)gram[numbers[k] * STRIDE + b];
+            }
+        }
+        assert_close((double)first[k], expected, 1e-5);
+    }
+}
 #endif
 
 // ---- the stage ----------------------------------------------------------------------------------
@@ -935,6 +978,7 @@ int main(void) {
         cmocka_unit_test(float_gradient_matches_double),
 #if defined(__x86_64__)
         cmocka_unit_test(instruction_sets_agree),
+        cmocka_unit_test(instruction_sets_agree_on_rows),
 #endif
         cmocka_unit_test(adamw_follows_the_fixtures),
         cmocka_unit_test(beats_the_closest_triangle),

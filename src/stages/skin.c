@@ -40,6 +40,9 @@ static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_skin_options, least_motion, DOUBLE, 0.972, 0.0, 1.0, "",
                      "While the garment moves less than this share of the proxy's motion, "
                      "lambda_follow is raised; alternate only"),
+    PCI_FIELD_OPTION(pc_skin_options, motion_noise, DOUBLE, 0.003, 0.0, 1.0, "",
+                     "Variance of a noise in the motion of the proxy's vertices, over that of the "
+                     "motion itself, against weights that suit these frames only; alternate only"),
     PCI_FIELD_OPTION(pc_skin_options, equal_edges, BOOL, 1, 0, 1, "",
                      "Edges count alike in L_r, L_c and L_s, not by their squared length as in the "
                      "paper; alternate only"),

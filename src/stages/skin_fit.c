@@ -487,7 +487,8 @@ pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_
     const pci_skin_problem *p = &f->problem;
     pci_skin_alternation a;
     pci_skin_gram grams[PCI_SKIN_LEVELS];
-    if (!pci_skin_grams_build(scratch, p, pci_skin_kernel_float(), grams) ||
+    if (!pci_skin_grams_build(scratch, p, pci_skin_kernel_float(), f->options->motion_noise,
+                              grams) ||
         !pci_skin_alternation_build(scratch, p, pci_skin_kernel_float(), grams, &a)) {
         return pci_fail_memory(f->context, stage);
     }
@@ -507,7 +508,6 @@ pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_
     if (status == PC_OK) {
         status = start_from_coarse(f, grams, &first_rounds);
     }
-    pc_skin_free(f->context, &f->followed); // before memory peaks
     hold_pinned(f, a.allowed);
     normalize_rows(f);
     if (status == PC_OK) {

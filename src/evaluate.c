@@ -10,10 +10,11 @@
 
 static const char stage[] = "evaluate";
 
-#define SAMPLE_COUNT       4096 // of the doubled area: standard error below .8 %
-#define DOUBLED_REACH      2.0  // voxels of D / 32, the paper's resolution
-#define DOUBLED_COSINE     0.8  // layers whose normals differ by less than 37 degrees
-#define DISTANCE_TOLERANCE 1e-4 // of the diagonal
+#define SAMPLE_COUNT       PCI_EFFORT(4096, 32) // of the doubled area: standard error below .8 %
+#define DOUBLED_REACH      2.0                  // voxels of D / 32, the paper's resolution
+#define DOUBLED_COSINE     0.8 // layers whose normals differ by less than 37 degrees
+#define DISTANCE_TOLERANCE PCI_EFFORT(1e-4, 0.05)  // of the diagonal
+#define CURVE_PIECES       PCI_EFFORT(500.0, 10.0) // along a diagonal
 
 #define COUNT(member, help)           PCI_FIELD_REPORT(pc_measures, member, COUNT, "", help)
 #define NUMBER(member, unit, help)    PCI_FIELD_REPORT(pc_measures, member, DOUBLE, unit, help)
@@ -84,9 +85,9 @@ static pc_status check_mesh(pc_context *context, const pc_mesh *mesh, const char
                             name, v, mesh->vertex_count);
         }
         for (size_t k = 0; k < 3; ++k) {
-            if (!(fabs(mesh->positions[3 * (size_t)v + k]) <= 1e30)) {
+            if (!(fabs(mesh->positions[3 * (size_t)v + k]) <= PCI_FARTHEST)) {
                 return pci_fail(context, PC_ERROR_INVALID_MESH, stage,
-                                "%s: vertex %u of the %s mesh is not finite or beyond 1e30", stage,
+                                "%s: vertex %u of the %s mesh is not finite or too large", stage,
                                 v, name);
             }
         }
@@ -334,6 +335,9 @@ static pc_status build_curves(pci_scratch *scratch, const double *points, size_t
                       : pci_bvh_create(scratch->context, stage, &result->mesh, &result->bvh);
 }
 
+// Of one segment, which may be longer than the visual mesh is wide.
+static const double most_pieces = PCI_EFFORT(1e4, 20.0);
+
 typedef struct strayed {
     const curves *from, *to;
     double spacing;
@@ -346,7 +350,7 @@ static void measure_segments(void *user, size_t begin, size_t end, uint32_t work
     for (size_t i = begin; i < end; ++i) {
         const double *a = &s->from->mesh.positions[6 * i], *b = a + 3;
         const double length = sqrt(pci_squared_distance(a, b));
-        const size_t pieces = (size_t)fmax(1.0, ceil(length / s->spacing));
+        const size_t pieces = (size_t)fmin(fmax(1.0, ceil(length / s->spacing)), most_pieces);
         for (size_t j = 0; j <= pieces; ++j) {
             double point[3];
             for (size_t k = 0; k < 3; ++k) {
@@ -367,7 +371,7 @@ static pc_status measure_curves(pci_scratch *scratch, const curves *from, const 
         *mean = *most = count == 0 && to->bvh == NULL ? 0.0 : 1.0;
         return PC_OK;
     }
-    strayed s = {from, to, diagonal / 500.0, PCI_SCRATCH(scratch, double, count),
+    strayed s = {from, to, diagonal / CURVE_PIECES, PCI_SCRATCH(scratch, double, count),
                  PCI_SCRATCH(scratch, double, count)};
     if (scratch->failed) {
         return pci_fail_memory(scratch->context, stage);

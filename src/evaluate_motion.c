@@ -10,7 +10,7 @@
 static const char stage[] = "evaluate";
 
 // Strains are counted by the leading bits of their floats: 11 bits of mantissa.
-#define STRAIN_SHIFT 12
+#define STRAIN_SHIFT PCI_EFFORT(12, 21)
 #define STRAIN_BINS  ((size_t)1 << (31 - STRAIN_SHIFT))
 #define PERCENTILE   0.95
 

@@ -65,7 +65,7 @@ extern const pc_record pc_measures_record;
 /// Measures `proxy` against `visual`.
 /// @param[out] measures  overwritten; all zero on failure.
 /// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (NULL); PC_ERROR_INVALID_MESH (no triangle, index out
-///         of range, coordinate not finite or beyond 1e30, all positions of `visual` equal);
+///         of range, coordinate not finite or beyond 1e33, all positions of `visual` equal);
 ///         PC_ERROR_TOO_LARGE; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY (Embree failed).
 PC_NODISCARD pc_status pc_evaluate(pc_context *context, const pc_mesh *visual, const pc_mesh *proxy,
                                    pc_measures *measures);

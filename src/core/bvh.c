@@ -21,7 +21,6 @@
 struct pci_bvh {
     const pc_mesh *mesh;
     uint8_t *duplicate; // #F: the triangle repeats an earlier one and is left out
-    RTCDevice device;
     RTCScene scene;
     double minimum[3], maximum[3]; // of the triangles
     double centre[3];
@@ -101,6 +100,34 @@ static bool normalise_space(pci_bvh *bvh) {
     return true;
 }
 
+// To make a device takes longer than the tree of a small mesh: a context keeps its own.
+static enum RTCError build_scene(pc_context *context, const char *stage, pci_bvh *bvh,
+                                 build_watch *watch) {
+    if (context->embree == NULL) {
+        context->embree = rtcNewDevice(pci_embree_configuration());
+        if (context->embree == NULL) {
+            return rtcGetDeviceError(NULL);
+        }
+        rtcSetDeviceErrorFunction(context->embree, ignore_error, NULL);
+    }
+    RTCDevice device = context->embree;
+    bvh->scene = rtcNewScene(device);
+    RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_USER);
+    rtcSetGeometryUserPrimitiveCount(geometry, (unsigned int)bvh->mesh->triangle_count);
+    rtcSetGeometryUserData(geometry, bvh);
+    rtcSetGeometryBoundsFunction(geometry, bound_triangle, NULL);
+    rtcSetGeometryIntersectFunction(geometry, intersect_triangle);
+    rtcCommitGeometry(geometry);
+    rtcAttachGeometry(bvh->scene, geometry);
+    rtcReleaseGeometry(geometry);
+    if (context->stage != NULL && strcmp(context->stage, stage) == 0) {
+        rtcSetSceneProgressMonitorFunction(bvh->scene, watch_build, watch);
+    }
+    rtcCommitScene(bvh->scene);
+    rtcSetSceneProgressMonitorFunction(bvh->scene, NULL, NULL);
+    return rtcGetDeviceError(device);
+}
+
 pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *mesh,
                          pci_bvh **bvh) {
     *bvh = mesh == context->shared_mesh ? context->shared_bvh : NULL;
@@ -132,30 +159,9 @@ pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *
                         "%s: a vertex position is infinite or not a number", stage);
     }
 
-    enum RTCError error = RTC_ERROR_NONE;
     build_watch watch = {.context = context, .thread = pthread_self(), .wanted = true};
-    created->device = rtcNewDevice(pci_embree_configuration());
-    if (created->device == NULL) {
-        error = rtcGetDeviceError(NULL);
-    } else {
-        rtcSetDeviceErrorFunction(created->device, ignore_error, NULL);
-        created->scene = rtcNewScene(created->device);
-        RTCGeometry geometry = rtcNewGeometry(created->device, RTC_GEOMETRY_TYPE_USER);
-        rtcSetGeometryUserPrimitiveCount(geometry, (unsigned int)mesh->triangle_count);
-        rtcSetGeometryUserData(geometry, created);
-        rtcSetGeometryBoundsFunction(geometry, bound_triangle, NULL);
-        rtcSetGeometryIntersectFunction(geometry, intersect_triangle);
-        rtcCommitGeometry(geometry);
-        rtcAttachGeometry(created->scene, geometry);
-        rtcReleaseGeometry(geometry);
-        if (context->stage != NULL && strcmp(context->stage, stage) == 0) {
-            rtcSetSceneProgressMonitorFunction(created->scene, watch_build, &watch);
-        }
-        rtcCommitScene(created->scene);
-        rtcSetSceneProgressMonitorFunction(created->scene, NULL, NULL);
-        error = rtcGetDeviceError(created->device);
-    }
-    if (created->device == NULL || error != RTC_ERROR_NONE) {
+    const enum RTCError error = build_scene(context, stage, created, &watch);
+    if (error != RTC_ERROR_NONE) {
         pci_bvh_destroy(context, created);
         if (!watch.wanted) {
             return pci_fail_cancelled(context, stage);
@@ -187,11 +193,15 @@ void pci_bvh_destroy(pc_context *context, pci_bvh *bvh) {
     if (bvh->scene != NULL) {
         rtcReleaseScene(bvh->scene);
     }
-    if (bvh->device != NULL) {
-        rtcReleaseDevice(bvh->device);
-    }
     pc_release(context, bvh->duplicate);
     pc_release(context, bvh);
+}
+
+void pci_bvh_release_device(pc_context *context) {
+    if (context->embree != NULL) {
+        rtcReleaseDevice(context->embree);
+        context->embree = NULL;
+    }
 }
 
 // ---- closest point ------------------------------------------------------------------------------

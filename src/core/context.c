@@ -2,6 +2,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "core/bvh.h"
 #include "core/clock.h"
 #include "core/context.h"
 #include "proxycloth/version.h"
@@ -68,6 +69,7 @@ void pc_context_destroy(pc_context *context) {
     if (context == NULL) {
         return;
     }
+    pci_bvh_release_device(context);
     pci_pool_destroy(context, context->pool);
     const pc_allocator allocator = context->options.allocator;
     allocator.release(allocator.user, context);

@@ -8,6 +8,14 @@
 #include "proxycloth/base.h"
 #include "proxycloth/options.h"
 
+// How much is done for the sake of quality only. Fuzz builds do a little of everything, so that a
+// run takes a millisecond and libFuzzer tries a million.
+#ifdef PROXYCLOTH_FUZZ
+#define PCI_EFFORT(usual, fuzzed) (fuzzed)
+#else
+#define PCI_EFFORT(usual, fuzzed) (usual)
+#endif
+
 // ---- errors -----------------------------------------------------------------------------------
 
 // Records the error in the context and returns `status`.

@@ -207,7 +207,17 @@ static bool sort_boxes(pci_scratch *scratch, sweep *s) {
     static int (*const compare[3])(const void *, const void *) = {compare_x, compare_y, compare_z};
     const pc_mesh *mesh = s->mesh;
     double minimum[3], maximum[3], mean[3] = {0.0};
-    pci_bounding_box(mesh, minimum, maximum);
+    for (size_t k = 0; k < 3; ++k) {
+        minimum[k] = INFINITY, maximum[k] = -INFINITY;
+    }
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        const box b = triangle_box(mesh, t);
+        for (size_t k = 0; k < 3; ++k) {
+            minimum[k] = fmin(minimum[k], b.minimum[k]);
+            maximum[k] = fmax(maximum[k], b.maximum[k]);
+            mean[k] += (b.maximum[k] - b.minimum[k]) / (double)mesh->triangle_count;
+        }
+    }
     size_t axes[3] = {0, 1, 2}; // longest first
     for (size_t i = 0; i < 3; ++i) {
         const size_t low = i == 1 ? 1 : 0, high = low + 1;
@@ -217,16 +227,10 @@ static bool sort_boxes(pci_scratch *scratch, sweep *s) {
             axes[high] = swapped;
         }
     }
-    for (size_t t = 0; t < mesh->triangle_count; ++t) {
-        const box b = triangle_box(mesh, t);
-        for (size_t k = 0; k < 3; ++k) {
-            mean[k] += (b.maximum[k] - b.minimum[k]) / (double)mesh->triangle_count;
-        }
-    }
     const size_t y = axes[1];
-    const double extent = maximum[y] - minimum[y], least = extent / (1 << 20);
+    const double width = fmax(2.0 * mean[y], (maximum[y] - minimum[y]) / (1 << 20));
     s->axis = axes[0];
-    s->strips = (strips){y, minimum[y], extent > 0.0 ? fmax(2.0 * mean[y], least) : 1.0};
+    s->strips = (strips){y, minimum[y], width > 0.0 ? width : 1.0};
     s->box_count = 0;
     for (size_t t = 0; t < mesh->triangle_count; ++t) {
         const box b = triangle_box(mesh, t);

@@ -2,6 +2,9 @@
 
 #include <stdlib.h>
 
+// All edges of a soup are free: then pieces are longer, as far as there are not more edges.
+enum { most_pieces = 1 << 17 };
+
 typedef struct side {
     uint32_t a, b, c; // edge a < b, opposite corner
 } side;
@@ -33,10 +36,19 @@ static bool inward_of(const pc_mesh *mesh, const side *s, double inward[3]) {
     return pci_normalize(inward);
 }
 
-static size_t piece_count(const pc_mesh *mesh, const side *s, double reach) {
+// The pieces of a side are about as long as `piece`.
+static size_t piece_count(const pc_mesh *mesh, const side *s, double piece) {
     const double length = sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)s->a],
                                                     &mesh->positions[3 * (size_t)s->b]));
-    return length > 0.5 * reach ? (size_t)fmin(ceil(2.0 * length / reach), 1e4) : 1;
+    return length > piece ? (size_t)fmin(ceil(length / piece), 1e4) : 1;
+}
+
+static size_t count_pieces(const pc_mesh *mesh, const side *sides, size_t count, double piece,
+                           size_t *offsets) {
+    for (size_t i = 0; i < count; ++i) {
+        offsets[i + 1] = offsets[i] + piece_count(mesh, &sides[i], piece);
+    }
+    return offsets[count];
 }
 
 typedef struct probing {
@@ -107,10 +119,11 @@ bool pci_find_hems(pci_scratch *scratch, const pc_mesh *mesh, const pci_bvh *bvh
     if (offsets == NULL) {
         return false;
     }
-    for (size_t i = 0; i < free_count; ++i) {
-        offsets[i + 1] = offsets[i] + piece_count(mesh, &sides[i], reach);
+    size_t pieces = count_pieces(mesh, sides, free_count, 0.5 * reach, offsets);
+    if (pieces > most_pieces) {
+        const double longer = (double)pieces / most_pieces;
+        pieces = count_pieces(mesh, sides, free_count, 0.5 * reach * longer, offsets);
     }
-    const size_t pieces = offsets[free_count];
     uint8_t *open = PCI_SCRATCH(scratch, uint8_t, pieces);
     hems->points = PCI_SCRATCH(scratch, double, 6 * pieces);
     hems->inwards = PCI_SCRATCH(scratch, double, 3 * pieces);

@@ -240,10 +240,13 @@ pc_status pci_rim_points(pci_scratch *scratch, const char *stage, const pci_bvh 
             ++candidate_count;
         }
     }
-    const bool thinned = candidate_count <= most_candidates ||
-                         thin_out(scratch, candidates, &candidate_count, spacing);
+    for (double side = spacing; candidate_count > most_candidates; side *= 2.0) {
+        if (!thin_out(scratch, candidates, &candidate_count, side)) {
+            return pci_fail_memory(scratch->context, stage);
+        }
+    }
     uint8_t *on_rim = PCI_SCRATCH(scratch, uint8_t, candidate_count);
-    if (!thinned || on_rim == NULL) {
+    if (on_rim == NULL) {
         return pci_fail_memory(scratch->context, stage);
     }
     rim_job job = {bvh, mesh, radius, candidates, on_rim};

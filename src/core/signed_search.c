@@ -2,7 +2,7 @@
 
 #include <stdlib.h>
 
-enum { SWEEPS = 300 };
+enum { SWEEPS = PCI_EFFORT(300, 10) };
 #define HOT  0.8  // first temperature, in units of the mean edge cost
 #define COLD 0.02 // last temperature
 

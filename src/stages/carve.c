@@ -335,6 +335,9 @@ pc_status pc_carve(pc_context *context, const pc_mesh *surface, const pc_mesh *p
     pc_mesh cloth = {0}, layer = {0};
     double thickness = 0.0;
     status = pci_visual_cloth(&scratch, stage, surface, cell_size, &cloth, &thickness);
+    if (status == PC_OK && cloth.triangle_count == 0) {
+        status = no_proxy(context, "the visual mesh has none of use");
+    }
     if (status == PC_OK) {
         status = choose_layer(&scratch, surface, &cloth, thickness, projected, labels->labels,
                               cell_size, &chosen, &layer, &counts);

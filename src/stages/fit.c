@@ -4,6 +4,12 @@
 
 enum { grain = 512 };
 
+// How far a vertex may leave the fine surface, in wanted edge lengths. Three edges around a round
+// tube of radius r are nearest to it with their corners r / 3 outside, .144 of their length; more
+// edges need less. What goes farther is a spike: many samples around one vertex can pull it out to
+// where no face follows.
+static const double farthest = 0.15;
+
 // Each fine vertex is a sample that holds on to the nearest coarse triangle or, if it lies on the
 // border, to the nearest coarse border edge: hems are fitted to hems, from inside and outside.
 typedef struct fitting {
@@ -272,6 +278,18 @@ static void sliding_step(const pci_relaxation *r, uint32_t v, double step[3]) {
     }
 }
 
+// Draws a vertex that is too far from the fine surface, or border, nearer.
+static void limit_distance(const pci_relaxation *r, uint32_t v, double spacing) {
+    double *at = &r->coarse->positions[3 * (size_t)v];
+    double nearest[3];
+    pci_relax_nearest(r, v, at, pci_is_border_vertex(r->coarse, v), nearest);
+    const double distance = sqrt(pci_squared_distance(nearest, at));
+    const double limit = farthest * spacing / r->scales[r->feet[v]];
+    for (size_t k = 0; k < 3 && distance > limit; ++k) {
+        at[k] = nearest[k] + limit / distance * (at[k] - nearest[k]);
+    }
+}
+
 // Moves a vertex unless that spoils its triangles.
 static void move_vertex(const fitting *f, uint32_t v, double spacing) {
     static const double good = 0.65, slide_share = 0.3;
@@ -293,6 +311,7 @@ static void move_vertex(const fitting *f, uint32_t v, double spacing) {
         for (size_t k = 0; k < 3; ++k) {
             at[k] = start[k] + share * step[k];
         }
+        limit_distance(r, v, spacing);
         const double after = pci_relax_quality(r, v);
         if (after >= before || after >= good) {
             return;

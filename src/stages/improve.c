@@ -10,7 +10,7 @@ static const double least_gain = 1.0;
 static const double least_facing = 0.3;
 // How far the middle of a new edge may be from the fine surface, in expected edge lengths.
 static const double farthest = 0.25;
-static const size_t rounds = 6;
+static const size_t rounds = PCI_EFFORT(6, 2);
 
 static const double *point_of(const pci_relaxation *r, uint32_t v) {
     return &r->coarse->positions[3 * (size_t)v];
@@ -128,7 +128,7 @@ static void reposition(const improvement *m, uint32_t v) {
         return;
     }
     const double allowed = fmax(straying(r, v, PC_INVALID_INDEX), farthest * m->spacing);
-    for (size_t level = 0; level < 4; ++level, step *= 0.5) {
+    for (size_t level = 0; level < PCI_EFFORT(4, 1); ++level, step *= 0.5) {
         const place start = place_of(r, v);
         place better = start;
         PCI_FOR_OUTGOING(coarse, v, h) {
@@ -510,7 +510,7 @@ static bool widen(pci_relaxation *r, uint32_t v, const double origin[3], double 
 }
 
 bool pci_widen_slivers(pci_scratch *scratch, pci_relaxation *r, double reach) {
-    static const size_t passes = 8;
+    static const size_t passes = PCI_EFFORT(8, 1);
     static const double wide_angle = 24.0;
     const size_t vertices = r->coarse->vertex_count;
     double *origins = PCI_SCRATCH(scratch, double, 3 * vertices);

@@ -24,12 +24,12 @@ typedef struct level_result {
 } level_result;
 
 static pc_status measure_level(pc_context *context, const pc_mesh *surface, const pci_bvh *bvh,
-                               const pci_sampling *sampling, level_result *result,
+                               const pci_narrow_band *band, level_result *result,
                                uint64_t *queries) {
     pc_grid grid = {0};
     pc_mesh mesh = {0};
     pci_scratch scratch = pci_scratch_begin(context);
-    pc_status status = pci_sample_distance(context, surface, bvh, sampling, &grid, queries);
+    pc_status status = pci_sample_narrow_band(context, surface, bvh, band, &grid, queries);
     if (status == PC_OK) {
         status = pci_marching_cubes(context, &grid, 1.0, &mesh);
     }
@@ -76,12 +76,12 @@ pc_status pci_choose_voxels(pc_context *context, const pc_mesh *surface, const p
     // Up to the ceiling, or to where layers come apart.
     for (size_t level = 0; level < LEVEL_COUNT; ++level) {
         const double share = (double)levels[level] / PC_VOXELS_CEILING;
-        const pci_sampling sampling = {.voxels = levels[level],
-                                       .band_voxels = BAND_VOXELS,
-                                       .from = 0.33 * share * share,
-                                       .to = 0.5 * share * share};
+        const pci_narrow_band band = {.voxels = levels[level],
+                                      .width = BAND_VOXELS,
+                                      .from = 0.33 * share * share,
+                                      .to = 0.5 * share * share};
         const pc_status status =
-            measure_level(context, surface, bvh, &sampling, &results[level], &report->queries);
+            measure_level(context, surface, bvh, &band, &results[level], &report->queries);
         if (status != PC_OK) {
             return status;
         }

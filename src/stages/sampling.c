@@ -5,7 +5,7 @@
 #include "core/topology.h"
 
 // Fine vertices per cluster: with fewer the centroids are coarse, with more nothing changes.
-static const size_t samples_per_cluster = 16;
+static const size_t samples_per_cluster = PCI_EFFORT(16, 4);
 // The longest edge after bisections, in lengths of an even mesh.
 static const double bisection_spread = 1.5;
 

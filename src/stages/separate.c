@@ -3,10 +3,10 @@
 #include "core/crossing.h"
 #include "stages/improve.h"
 
-static const size_t passes = 24;
+static const size_t passes = PCI_EFFORT(24, 2);
 // Flawed triangles beyond which a search would take too long, and triangles looked at in all.
 static const size_t most_flawed = 512;
-static const size_t work = 400000000;
+static const size_t work = PCI_EFFORT(400000000, 100);
 // A little more than is asked for, so that rounding does not matter.
 static const double wanted_angle = PCI_LEAST_ANGLE + 0.1;
 // Cost of a pair that crosses, beside the length in expected edges; of a step of one edge length.

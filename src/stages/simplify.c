@@ -81,15 +81,15 @@ static const pc_field report_fields[] = {
 const pc_record pc_simplify_report_record = PCI_RECORD(report_fields, pc_simplify_report);
 
 // Passes of sliding and flipping; most meshes rest earlier.
-static const size_t relax_passes = 30;
+static const size_t relax_passes = PCI_EFFORT(30, 2);
 // Least quality of the triangles at a corner of the border.
 static const double pinned_quality = 0.5;
 // How far vertices may leave the surface for better angles, in expected edge lengths.
 static const double reaches[] = {0.1, 0.2, 0.4};
 // Passes of fitting.
-static const size_t fit_passes = 10;
+static const size_t fit_passes = PCI_EFFORT(10, 2);
 // Proxies that are made until one is without flaw; fewer where they have very many vertices.
-static const size_t most_attempts = 8;
+static const size_t most_attempts = PCI_EFFORT(8, 1);
 static const size_t vertices_of_attempts = 32768;
 
 // ---- steps ------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@
 #include "stages/improve.h"
 #include "stages/separate.h"
 
-static const size_t steps = 30;
+static const size_t steps = PCI_EFFORT(30, 3);
 // Triangles looked at in all steps together, so that large meshes end; five steps at least.
 static const size_t work = 1000000;
 // Gap that is aimed for and longest way of a vertex in one step, in expected edge lengths.

@@ -30,7 +30,10 @@ static void carve(pc_context *context, const pc_mesh *surface, const pc_mesh *pr
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     pc_context *context = fuzz_context();
     soup_bytes bytes = {data, size};
-    const double cell_size = 0.25 * soup_number(&bytes);
+    double cell_size = 0.25 * soup_number(&bytes);
+    if (cell_size > 0.1 && cell_size < 1.0) {
+        cell_size += 1.0; // hardly any voxels
+    }
     pc_mesh surface = soup_any(&bytes), closed = soup_any(&bytes), projected = {0};
     pc_project_options options = pc_default_options().project;
     options.projection_solver = soup_byte(&bytes) % 3;

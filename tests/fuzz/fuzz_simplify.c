@@ -5,7 +5,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     pc_context *context = fuzz_context();
     soup_bytes bytes = {data, size};
     pc_simplify_options options = pc_default_options().simplify;
-    options.vertices = 4 + soup_byte(&bytes) % 12;
+    options.vertices = 4 + (uint32_t)soup_size(soup_byte(&bytes), 3, 12);
     options.narrow_refinement = 1.0 + 0.5 * (soup_byte(&bytes) % 4);
     options.clustering_iterations = 4;
     pc_mesh layer = soup_any(&bytes), proxy = {0};

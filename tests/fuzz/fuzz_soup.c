@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "fuzz.h"
+#include "soup.h"
 
 enum { MAXIMUM_VERTICES = 24, MAXIMUM_TRIANGLES = 40 };
 
@@ -32,7 +32,10 @@ static void check(pc_context *context, const pc_asset *asset) {
         fuzz_assert(fabs(sum - 1.0) < 1e-9);
     }
     pc_measures measures;
-    fuzz_assert(pc_evaluate(context, &asset->visual.surface, &asset->proxy, &measures) == PC_OK);
+    if (pc_evaluate(context, &asset->visual.surface, &asset->proxy, &measures) != PC_OK) {
+        fprintf(stderr, "%s\n", pc_context_error(context)->message);
+        abort();
+    }
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
@@ -40,12 +43,15 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         return 0;
     }
     pc_options options = pc_default_options();
-    options.voxelize.voxels = 4 + data[0] % 8;
+    options.voxelize.voxels = 4 + (uint32_t)soup_size(data[0], 2, 8);
     options.carve.layer_source = data[1] % 3;
     options.carve.carve = data[1] / 3 % 2 != 0;
-    options.simplify.vertices = 4 + data[2] % 16;
+    options.simplify.vertices = 4 + (uint32_t)soup_size(data[2], 3, 16);
+    options.project.projection_iterations = 2;
+    options.label.label_effort = data[1] / 8 % 4;
+    options.simplify.clustering_iterations = 4;
     options.simulate.frames = 2;
-    options.skin.epochs = 1;
+    options.skin.epochs = options.skin.rounds = 1;
     options.skin.solver = data[3] % 2;
     const double scale = pow(10.0, (double)(data[3] / 2 % 8) - 4.0);
     const size_t vertices = 3 + data[3] / 16 % (MAXIMUM_VERTICES - 2);

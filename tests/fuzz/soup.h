@@ -31,6 +31,11 @@ static inline double soup_number(soup_bytes *bytes) {
     return byte >= 248 ? extremes[byte - 248] : (double)(byte % 16);
 }
 
+// A size of which most values are below `few`, so that most runs are short, and all below `many`.
+static inline size_t soup_size(uint8_t byte, size_t few, size_t many) {
+    return byte % (byte < 240 ? few : many);
+}
+
 static inline void *soup_allocate(size_t size) {
     void *memory = malloc(size + 1);
     fuzz_assert(memory != NULL);
@@ -50,8 +55,8 @@ static inline void soup_free(pc_mesh *mesh) {
 
 // A soup: any triangles between any vertices, and indices out of range.
 static inline pc_mesh soup_read(soup_bytes *bytes) {
-    const size_t vertices = 3 + soup_byte(bytes) % (SOUP_VERTICES - 2);
-    pc_mesh mesh = soup_mesh(vertices, 1 + soup_byte(bytes) % SOUP_TRIANGLES);
+    const size_t vertices = 3 + soup_size(soup_byte(bytes), 4, SOUP_VERTICES - 2);
+    pc_mesh mesh = soup_mesh(vertices, 1 + soup_size(soup_byte(bytes), 4, SOUP_TRIANGLES));
     for (size_t i = 0; i < 3 * vertices; ++i) {
         mesh.positions[i] = soup_number(bytes);
     }

@@ -1,5 +1,7 @@
 #include "support/test.h"
 
+#include "core/bvh.h"
+#include "core/topology.h"
 #include "stages/density.h"
 #include "support/memory.h"
 #include "support/proxy_shape.h"
@@ -418,6 +420,54 @@ static void fits_faces_not_vertices(void **state) {
     pc_context_destroy(context);
 }
 
+// The farthest vertex of the proxy from a mesh.
+static double farthest_vertex(const pc_mesh *proxy, const pc_mesh *mesh) {
+    double farthest = 0.0;
+    for (size_t v = 0; v < proxy->vertex_count; ++v) {
+        double squared = INFINITY;
+        for (size_t t = 0; t < mesh->triangle_count; ++t) {
+            const uint32_t *corner = &mesh->triangles[3 * t];
+            double bary[3];
+            squared =
+                fmin(squared, pci_triangle_squared_distance(
+                                  &proxy->positions[3 * v], &mesh->positions[3 * (size_t)corner[0]],
+                                  &mesh->positions[3 * (size_t)corner[1]],
+                                  &mesh->positions[3 * (size_t)corner[2]], bary));
+        }
+        farthest = fmax(farthest, squared);
+    }
+    return sqrt(farthest);
+}
+
+// On narrow pleats, which the triangles cannot follow, vertices are pulled out to all sides; none
+// becomes a spike.
+static void leaves_no_spikes(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    static const double depths[] = {0.05, 0.1, 0.15};
+    for (size_t i = 0; i < sizeof(depths) / sizeof(depths[0]); ++i) {
+        pc_mesh skirt = test_tube(context, 96, 40, 0.5, 1.5), again = {0};
+        pci_scratch scratch = pci_scratch_begin(context);
+        for (size_t v = 0; v < skirt.vertex_count; ++v) {
+            double *p = &skirt.positions[3 * v];
+            const double way = depths[i] * cos(12.0 * atan2(p[2], p[0]));
+            p[0] += 2.0 * way * p[0], p[2] += 2.0 * way * p[2];
+        }
+        assert_true(pci_mesh_compact(&scratch, &skirt, NULL, &again, NULL));
+        double area = 0.0;
+        for (size_t t = 0; t < skirt.triangle_count; ++t) {
+            area += pci_triangle_area(&skirt, t);
+        }
+        pc_mesh proxy = simplified(context, &skirt, 128, NULL);
+        const double edge = sqrt(2.0 / sqrt(3.0) * area / 128.0);
+        assert_true(farthest_vertex(&proxy, &again) < 0.16 * edge);
+        pc_mesh_free(context, &proxy);
+        pc_mesh_free(context, &again);
+        pci_scratch_end(&scratch);
+    }
+    pc_context_destroy(context);
+}
+
 // ---- density map --------------------------------------------------------------------------------
 
 // A visual mesh with the same triangles as `mesh` and a color per vertex: the red channel is 1 in
@@ -674,6 +724,7 @@ int main(void) {
         cmocka_unit_test(is_deterministic),
         cmocka_unit_test(refines_narrow_parts),
         cmocka_unit_test(fits_faces_not_vertices),
+        cmocka_unit_test(leaves_no_spikes),
         cmocka_unit_test(edges_follow_the_density_map),
         cmocka_unit_test(a_small_spot_gets_enough_samples),
         cmocka_unit_test(a_missing_density_map_is_reported),

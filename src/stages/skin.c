@@ -43,7 +43,7 @@ static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_skin_options, equal_edges, BOOL, 1, 0, 1, "",
                      "Edges count alike in L_r, L_c and L_s, not by their squared length as in the "
                      "paper; alternate only"),
-    PCI_FIELD_OPTION(pc_skin_options, rounds, UINT, 28, 0, 100000, "rounds",
+    PCI_FIELD_OPTION(pc_skin_options, rounds, UINT, 20, 0, 100000, "rounds",
                      "Passes over frames at most, most of them over a sample; alternate only"),
     PCI_FIELD_OPTION(pc_skin_options, round_gain, DOUBLE, 0.001, 0.0, 1.0, "",
                      "Stops when a round gains less than this share of the gain so far; alternate "
@@ -75,8 +75,10 @@ static const pc_field option_fields[] = {
 const pc_record pc_skin_options_record = PCI_RECORD(option_fields, pc_skin_options);
 
 static const pc_field report_fields[] = {
-    PCI_FIELD_REPORT(pc_skin_report, loss_before, DOUBLE, "",
-                     "Weighted sum of the losses of the first guess"),
+    PCI_FIELD_REPORT(
+        pc_skin_report, loss_before, DOUBLE, "",
+        "Weighted sum of the losses of the first guess; alternate: from a sample of the "
+        "frames"),
     PCI_FIELD_REPORT(pc_skin_report, loss_after, DOUBLE, "",
                      "Weighted sum of the losses of the result"),
     PCI_FIELD_REPORT(pc_skin_report, rigid_before, DOUBLE, "", "L_r of the first guess"),
@@ -85,8 +87,10 @@ static const pc_field report_fields[] = {
     PCI_FIELD_REPORT(pc_skin_report, collision_after, DOUBLE, "", "L_c of the result"),
     PCI_FIELD_REPORT(pc_skin_report, attachment_before, DOUBLE, "", "L_a of the first guess"),
     PCI_FIELD_REPORT(pc_skin_report, attachment_after, DOUBLE, "", "L_a of the result"),
-    PCI_FIELD_REPORT(pc_skin_report, full_loss, DOUBLE, "",
-                     "Weighted sum of the losses with all candidates, before the cut to K"),
+    PCI_FIELD_REPORT(
+        pc_skin_report, full_loss, DOUBLE, "",
+        "Weighted sum of the losses with all candidates, before the cut to K; alternate: "
+        "from a sample of the frames"),
     PCI_FIELD_REPORT(
         pc_skin_report, spatial_share, DOUBLE, "",
         "Share of lambda_c and lambda_a in the last epochs, below 1 where L_c would cost L_r"),

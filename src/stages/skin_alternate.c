@@ -5,7 +5,7 @@
 
 static const char stage[] = "skin";
 
-enum { SWEEPS = 2, SAMPLE_BLOCKS = 4 }; // sweeps per round, each there and back
+enum { SWEEPS = 3, SAMPLE_BLOCKS = 2 }; // sweeps per round, each there and back
 
 static const double sample_rounds = 0.75; // of the rounds at most
 // Along the last round's; it may have gone too far.
@@ -56,18 +56,15 @@ static void fill_rows(const pci_skin_frames *w, size_t frame, double *rows) {
     }
 }
 
-// G of some frames.
-static bool build_level(pci_scratch *scratch, const pci_skin_frames *w, size_t stride,
-                        pci_skin_level *level) {
+// G of every so many blocks.
+static bool build_gram(pci_scratch *scratch, const pci_skin_frames *w, size_t stride,
+                       pci_skin_gram *gram) {
     const pci_skin_problem *p = w->problem;
     const size_t size = p->proxy_count * w->data.columns;
     gram_job job = {.size = size};
     pci_scratch local = pci_scratch_begin(scratch->context);
     double *columns = PCI_SCRATCH(&local, double, 3 * PCI_BLOCK * w->block_count * size);
     job.gram = PCI_SCRATCH(scratch, double, size *size);
-    level->gram = job.gram;
-    level->stride = stride;
-    level->targets = PCI_SCRATCH(scratch, double, p->vertex_count * p->slots);
     if (scratch->failed || local.failed) {
         pci_scratch_end(&local);
         return false;
@@ -78,22 +75,37 @@ static bool build_level(pci_scratch *scratch, const pci_skin_frames *w, size_t s
             job.rows += 3;
         }
     }
-    level->factor = 3.0 * (double)p->frame_count / (double)job.rows;
+    gram->stride = stride;
+    gram->factor = 3.0 * (double)p->frame_count / (double)job.rows;
+    gram->matrix = job.gram;
     job.columns = columns;
     pci_parallel_for(scratch->context, size, 16, fill_gram, &job);
     for (size_t b = 0; b < size; ++b) {
         for (size_t c = 0; c < b; ++c) {
-            job.gram[c * size + b] = job.gram[b * size + c] *= level->factor;
+            job.gram[c * size + b] = job.gram[b * size + c] *= gram->factor;
         }
-        job.gram[b * size + b] *= level->factor;
+        job.gram[b * size + b] *= gram->factor;
     }
     pci_scratch_end(&local);
     return true;
 }
 
+bool pci_skin_grams_build(pci_scratch *scratch, const pci_skin_problem *problem,
+                          const pci_skin_kernel *kernel, pci_skin_gram grams[PCI_SKIN_LEVELS]) {
+    pci_skin_frames w;
+    pci_scratch local = pci_scratch_begin(scratch->context);
+    pci_skin_frames_begin(scratch->context, problem, kernel, &w);
+    w.frames = pci_skin_frames_in_sequence(&local, problem, &w.block_count);
+    const size_t stride = (w.block_count + SAMPLE_BLOCKS - 1) / SAMPLE_BLOCKS;
+    const bool good = w.frames != NULL && build_gram(scratch, &w, 1, &grams[PCI_SKIN_ALL]) &&
+                      build_gram(scratch, &w, stride, &grams[PCI_SKIN_SAMPLE]);
+    pci_scratch_end(&local);
+    return good;
+}
+
 typedef struct row_job {
     pci_skin_alternation *a;
-    const pci_skin_level *level;
+    size_t level;
     double *weights;
     double factor;
 } row_job;
@@ -111,10 +123,10 @@ static void finish_gradient(void *user, size_t begin, size_t end, uint32_t worke
         double *gradient = &a->gradient[v * slots];
         pci_skin_frames_row(&a->frames, v, gradient);
         for (size_t k = 0; k < slots; ++k) {
-            double sum = -job->level->targets[v * slots + k];
+            double sum = -a->targets[job->level][v * slots + k];
             for (size_t l = 0; l < slots; ++l) {
-                sum += w[l] * pci_skin_gram_product(job->level->gram, p->proxy_count, columns,
-                                                    bones[k], bones[l], point, point);
+                sum += w[l] * pci_skin_gram_product(a->grams[job->level].matrix, p->proxy_count,
+                                                    columns, bones[k], bones[l], point, point);
             }
             gradient[k] += 2.0 * a->follow[v] * sum;
         }
@@ -122,16 +134,24 @@ static void finish_gradient(void *user, size_t begin, size_t end, uint32_t worke
 }
 
 // Lets the solver look at the frames of one level from now on.
-static void use_level(pci_skin_alternation *a, const pci_skin_level *level) {
+static void use_level(pci_skin_alternation *a, size_t level) {
     for (size_t x = 0; x < 4; ++x) {
-        a->frames.data.scale[x] = a->scale[x] * level->factor;
+        a->frames.data.scale[x] = a->scale[x] * a->grams[level].factor;
     }
-    a->quadratic.gram = level->gram;
+    a->quadratic.gram = a->grams[level].matrix;
 }
 
-// dE/dW at the given weights, with the best rotations; the gradient before stays. `measures`, with
-// all frames only, may be NULL. False: cancelled.
-static bool find_gradient(pci_skin_alternation *a, const pci_skin_level *level, double *weights,
+// Of all frames, from those of one level.
+static void add_measures(const pci_skin_alternation *a, size_t level, pci_skin_measures *measures) {
+    pci_skin_frames_add(&a->frames, a->sums, measures, NULL);
+    for (size_t x = 0; x < 3; ++x) {
+        measures->losses[x] *= a->grams[level].factor;
+    }
+}
+
+// dE/dW at the given weights, with the best rotations; the gradient before stays. `measures` may be
+// NULL. False: cancelled.
+static bool find_gradient(pci_skin_alternation *a, size_t level, double *weights,
                           pci_skin_measures *measures) {
     pci_skin_frames *w = &a->frames;
     double *last = a->last_gradient;
@@ -139,7 +159,7 @@ static bool find_gradient(pci_skin_alternation *a, const pci_skin_level *level, 
     a->gradient = last;
     use_level(a, level);
     pci_skin_frames_set_weights(w, weights);
-    if (!pci_skin_frames_evaluate(w, 0, w->block_count, level->stride, true,
+    if (!pci_skin_frames_evaluate(w, 0, w->block_count, a->grams[level].stride, true,
                                   measures != NULL ? a->sums : NULL)) {
         return false;
     }
@@ -147,7 +167,7 @@ static bool find_gradient(pci_skin_alternation *a, const pci_skin_level *level, 
     pci_parallel_for(w->context, w->problem->vertex_count, 256, finish_gradient, &rows);
     ++a->rounds;
     if (measures != NULL) {
-        pci_skin_frames_add(w, a->sums, measures, NULL);
+        add_measures(a, level, measures);
     }
     return true;
 }
@@ -189,7 +209,9 @@ static void extrapolate(void *user, size_t begin, size_t end, uint32_t worker) {
 }
 
 bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *problem,
-                                const pci_skin_kernel *kernel, pci_skin_alternation *a) {
+                                const pci_skin_kernel *kernel,
+                                const pci_skin_gram grams[PCI_SKIN_LEVELS],
+                                pci_skin_alternation *a) {
     const size_t nv = problem->vertex_count, count = nv * problem->slots;
     memset(a, 0, sizeof(*a));
     a->gradient = PCI_SCRATCH(scratch, double, count);
@@ -203,9 +225,11 @@ bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *pr
     }
     memset(a->allowed, 0xff, nv * sizeof(*a->allowed));
     a->sums = PCI_SCRATCH(scratch, pci_skin_sums, a->frames.patch_count * a->frames.block_count);
-    const size_t stride = (a->frames.block_count + SAMPLE_BLOCKS - 1) / SAMPLE_BLOCKS;
-    return !scratch->failed && build_level(scratch, &a->frames, 1, &a->levels[PCI_SKIN_ALL]) &&
-           build_level(scratch, &a->frames, stride, &a->levels[PCI_SKIN_SAMPLE]);
+    for (size_t level = 0; level < PCI_SKIN_LEVELS; ++level) {
+        a->grams[level] = grams[level];
+        a->targets[level] = PCI_SCRATCH(scratch, double, count);
+    }
+    return !scratch->failed;
 }
 
 void pci_skin_alternation_follow(pci_skin_alternation *a, const pc_mesh *proxy,
@@ -220,16 +244,16 @@ void pci_skin_alternation_follow(pci_skin_alternation *a, const pc_mesh *proxy,
     a->spacing = squares / (3.0 * (double)proxy->triangle_count);
     const size_t slots = followed->influences, columns = a->frames.data.columns;
     for (size_t i = 0; i < PCI_SKIN_LEVELS * p->vertex_count; ++i) {
-        const pci_skin_level *level = &a->levels[i / p->vertex_count];
         const size_t v = i % p->vertex_count;
+        const double *gram = a->grams[i / p->vertex_count].matrix;
+        double *targets = a->targets[i / p->vertex_count];
         const double *point = &a->frames.points[v * columns];
         for (size_t k = v * p->slots; k < (v + 1) * p->slots; ++k) {
-            level->targets[k] = 0.0;
+            targets[k] = 0.0;
             for (size_t l = v * slots; l < (v + 1) * slots; ++l) {
-                level->targets[k] +=
-                    followed->weights[l] * pci_skin_gram_product(level->gram, p->proxy_count,
-                                                                 columns, p->bones[k],
-                                                                 followed->bones[l], point, point);
+                targets[k] += followed->weights[l] *
+                              pci_skin_gram_product(gram, p->proxy_count, columns, p->bones[k],
+                                                    followed->bones[l], point, point);
             }
         }
     }
@@ -252,7 +276,7 @@ bool pci_skin_alternation_weigh(pci_scratch *scratch, pci_skin_alternation *a,
         return pci_skin_quadratic_weigh(scratch, p, a->scale, a->follow, &a->quadratic);
     }
     return pci_skin_quadratic_build(scratch, p, w->kernel, w->points, a->scale, a->follow,
-                                    a->levels[PCI_SKIN_ALL].gram, a->allowed, &a->quadratic);
+                                    a->grams[PCI_SKIN_ALL].matrix, a->allowed, &a->quadratic);
 }
 
 pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, double tolerance,
@@ -261,7 +285,7 @@ pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, dou
     pc_context *context = a->frames.context;
     const size_t nv = a->frames.problem->vertex_count, count = nv * a->frames.problem->slots;
     const uint32_t most = rough ? rounds : (uint32_t)(sample_rounds * rounds);
-    bool sampled = a->levels[PCI_SKIN_SAMPLE].stride > 1, same_frames = false;
+    bool sampled = a->grams[PCI_SKIN_SAMPLE].stride > 1, same_frames = false;
     row_job job = {.a = a, .weights = weights};
     double lowered = 0.0;
     for (uint32_t round = 0; round < rounds; ++round) {
@@ -271,8 +295,7 @@ pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, dou
         }
         if (!pci_progress(context, stage,
                           progress_begin + share * (progress_end - progress_begin)) ||
-            !find_gradient(a, &a->levels[sampled ? PCI_SKIN_SAMPLE : PCI_SKIN_ALL], weights,
-                           NULL)) {
+            !find_gradient(a, sampled ? PCI_SKIN_SAMPLE : PCI_SKIN_ALL, weights, NULL)) {
             return pci_fail_cancelled(context, stage);
         }
         job.factor = same_frames ? step_length(a, weights) : 0.0;
@@ -302,20 +325,71 @@ pc_status pci_skin_alternation_prune(pci_skin_alternation *a, uint32_t kept, dou
                                      pci_skin_measures *measures) {
     const pci_skin_problem *p = a->frames.problem;
     memcpy(a->before, weights, p->vertex_count * p->slots * sizeof(*weights));
-    if (!find_gradient(a, &a->levels[PCI_SKIN_ALL], weights, measures)) {
+    if (!find_gradient(a, PCI_SKIN_SAMPLE, weights, measures)) {
         return pci_fail_cancelled(a->frames.context, stage);
     }
     pci_skin_quadratic_prune(&a->quadratic, a->before, a->gradient, kept, a->allowed, weights);
     return PC_OK;
 }
 
-pc_status pci_skin_alternation_measure(pci_skin_alternation *a, const double *weights,
+// The slots of a row that stay, in order.
+static void choose_slots(uint32_t allowed, const double *weights, uint32_t slots, uint32_t kept,
+                         uint32_t *chosen) {
+    uint32_t taken = 0;
+    for (uint32_t n = 0; n < kept; ++n) {
+        uint32_t best = slots;
+        for (uint32_t k = 0; k < slots; ++k) {
+            const bool open = (taken >> k & 1) == 0;
+            if (open &&
+                (best == slots || (allowed >> k & 1) > (allowed >> best & 1) ||
+                 ((allowed >> k & 1) == (allowed >> best & 1) && weights[k] > weights[best]))) {
+                best = k;
+            }
+        }
+        taken |= (uint32_t)1 << best;
+    }
+    for (uint32_t k = 0, n = 0; k < slots; ++k) {
+        if (taken >> k & 1) {
+            chosen[n++] = k;
+        }
+    }
+}
+
+void pci_skin_alternation_compact(pci_skin_alternation *a, uint32_t kept, uint32_t *bones,
+                                  double *weights) {
+    const size_t nv = a->frames.problem->vertex_count;
+    const uint32_t slots = a->frames.problem->slots;
+    for (size_t v = 0; v < nv; ++v) {
+        uint32_t chosen[PCI_SKIN_SLOTS_MAX];
+        double sum = 0.0;
+        choose_slots(a->allowed[v], &weights[v * slots], slots, kept, chosen);
+        for (uint32_t k = 0; k < kept; ++k) {
+            const size_t from = v * slots + chosen[k], to = v * kept + k;
+            bones[to] = bones[from];
+            weights[to] = weights[from];
+            sum += weights[to];
+            for (size_t level = 0; level < PCI_SKIN_LEVELS; ++level) {
+                a->targets[level][to] = a->targets[level][from];
+            }
+        }
+        if (a->allowed[v] == 0) { // more slots than `kept` may have been held
+            for (uint32_t k = 0; k < kept; ++k) {
+                weights[v * kept + k] /= sum;
+            }
+        } else {
+            a->allowed[v] = 0xffffffffU >> (32 - kept);
+        }
+    }
+    a->frames.data.slots = a->quadratic.slots = kept;
+}
+
+pc_status pci_skin_alternation_measure(pci_skin_alternation *a, size_t level, const double *weights,
                                        pci_skin_measures *measures) {
     pci_skin_frames *w = &a->frames;
     pci_skin_frames_set_weights(w, weights);
-    if (!pci_skin_frames_evaluate(w, 0, w->block_count, 1, false, a->sums)) {
+    if (!pci_skin_frames_evaluate(w, 0, w->block_count, a->grams[level].stride, false, a->sums)) {
         return pci_fail_cancelled(w->context, stage);
     }
-    pci_skin_frames_add(w, a->sums, measures, NULL);
+    add_measures(a, level, measures);
     return PC_OK;
 }

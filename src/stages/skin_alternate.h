@@ -12,19 +12,24 @@
 #include "stages/skin_quadratic.h"
 
 // Frames that a round looks at: every block, or some as a sample for most of the way.
-typedef struct pci_skin_level {
-    size_t stride;   // of the blocks
-    double factor;   // all frames over those of the sample
-    double *gram;    // of the sample, times the factor; see pci_skin_quadratic
-    double *targets; // #V by slots: G b, rows of the candidates
-} pci_skin_level;
-
 enum { PCI_SKIN_ALL, PCI_SKIN_SAMPLE, PCI_SKIN_LEVELS };
+
+// Of one proxy and its motion, for all problems that they drive.
+typedef struct pci_skin_gram {
+    size_t stride;  // of the blocks
+    double factor;  // all frames over those of the sample
+    double *matrix; // of the sample, times the factor; see pci_skin_quadratic
+} pci_skin_gram;
+
+// False: out of memory.
+bool pci_skin_grams_build(pci_scratch *scratch, const pci_skin_problem *problem,
+                          const pci_skin_kernel *kernel, pci_skin_gram grams[PCI_SKIN_LEVELS]);
 
 typedef struct pci_skin_alternation {
     pci_skin_frames frames;
     pci_skin_quadratic quadratic;
-    pci_skin_level levels[PCI_SKIN_LEVELS];
+    pci_skin_gram grams[PCI_SKIN_LEVELS];
+    double *targets[PCI_SKIN_LEVELS];          // #V by slots: G b of each, rows of the candidates
     double scale[4];                           // of the losses
     uint32_t *allowed;                         // #V, see pci_skin_quadratic
     double *follow;                            // #V: factor of L_f
@@ -36,7 +41,9 @@ typedef struct pci_skin_alternation {
 
 // False: out of memory.
 bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *problem,
-                                const pci_skin_kernel *kernel, pci_skin_alternation *alternation);
+                                const pci_skin_kernel *kernel,
+                                const pci_skin_gram grams[PCI_SKIN_LEVELS],
+                                pci_skin_alternation *alternation);
 
 // What L_f follows: the displacements that other weights give.
 void pci_skin_alternation_follow(pci_skin_alternation *alternation, const pc_mesh *proxy,
@@ -54,13 +61,19 @@ PC_NODISCARD pc_status pci_skin_alternation_run(pci_skin_alternation *alternatio
                                                 double tolerance, bool rough, double progress_begin,
                                                 double progress_end, double *weights);
 
-// The losses of any weights over all frames.
-PC_NODISCARD pc_status pci_skin_alternation_measure(pci_skin_alternation *alternation,
+// The losses of any weights over all frames, or what those of the sample tell of them.
+PC_NODISCARD pc_status pci_skin_alternation_measure(pci_skin_alternation *alternation, size_t level,
                                                     const double *weights,
                                                     pci_skin_measures *measures);
 
-// Leaves `kept` slots per row. `measures`: of the weights before.
+// Leaves `kept` slots per row. `measures`: of the weights before, by the sample.
 PC_NODISCARD pc_status pci_skin_alternation_prune(pci_skin_alternation *alternation, uint32_t kept,
                                                   double *weights, pci_skin_measures *measures);
+
+// Moves the slots that are left to the front, where a row may have held more than `kept` the
+// heaviest, and makes rows as short as that: of the alternation's arrays, and of `bones` (those of
+// the problem) and `weights`. The problem has `kept` slots from then on, which the caller sets.
+void pci_skin_alternation_compact(pci_skin_alternation *alternation, uint32_t kept, uint32_t *bones,
+                                  double *weights);
 
 #endif

@@ -3,8 +3,8 @@
 #include "core/topology.h"
 
 double pci_skin_extent(const pci_skin_problem *problem, double origin[3]) {
-    const pc_mesh points = {.vertex_count = problem->vertex_count,
-                            .positions = (double *)problem->rest};
+    const pc_mesh points = {.vertex_count = problem->proxy_count,
+                            .positions = (double *)problem->proxy_rest};
     double low[3], high[3];
     pci_bounding_box(&points, low, high);
     for (size_t c = 0; c < 3; ++c) {

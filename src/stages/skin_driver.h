@@ -18,8 +18,8 @@ static inline uint32_t pci_skin_columns(const pci_skin_problem *problem) {
     return problem->rotations == NULL ? 1 : PCI_SKIN_COLUMNS_MAX;
 }
 
-// o: the middle of the visual mesh's bounding box, so that float keeps most digits. Returns the
-// box's diagonal.
+// o: the middle of the proxy's bounding box, so that float keeps most digits. Returns the box's
+// diagonal.
 double pci_skin_extent(const pci_skin_problem *problem, double origin[3]);
 
 // x^ of a vertex in a unit of length; `columns` numbers.

@@ -1,30 +1,49 @@
-// The course of an optimisation: all candidates, half way, K. Cutting alone would lose most.
+// The course of an optimisation: from all candidates to K in steps. Cutting alone would lose most.
 #include "stages/skin_fit.h"
 
 #include "core/topology.h"
 #include "proxycloth/baselines.h"
 #include "stages/skin_alternate.h"
+#include "stages/skin_coarse.h"
 
 static const char stage[] = "skin";
 
-enum { PHASES = 3, FOLLOWED_INFLUENCES = 8 };
-static const double phase_ends[PHASES] = {0.4, 0.6, 1.0}; // shares of the epochs or rounds
+enum { PHASES_MAX = 5, FOLLOWED_INFLUENCES = 8 };
+// Ends of the first phase and of the last but one; shares of the rounds.
+static const double first_end = 0.15, last_begin = 0.6;
 static const double rigid_share = 0.7; // more of its L_r left: L_c gets less weight
 
 static const double held_share = 1e-6;      // barycentric coordinates below count as 0
 static const double following_factor = 2.0; // of lambda_follow, where the garment moves too little
+enum { LEAST_VERTICES = 500 };              // problems of fewer have no smaller one
 enum { MOTION_STRIDE = 8 }; // frames from one in which motion is measured to the next
 
-static void phase_widths(const pci_skin_fit *f, uint32_t widths[PHASES]) {
+// What a row keeps in each phase, from all candidates to K.
+typedef struct course {
+    uint32_t count;
+    uint32_t widths[PHASES_MAX];
+    double ends[PHASES_MAX]; // shares of the epochs or rounds
+} course;
+
+// `first`, `last`: ends of the first phase and of the last but one.
+static course plan_course(const pci_skin_fit *f, uint32_t count, double first, double last) {
     const uint32_t slots = f->problem.slots, influences = f->options->influences;
-    widths[0] = slots;
-    widths[2] = influences < slots ? influences : slots;
-    widths[1] = (slots + widths[2] + 1) / 2;
+    const uint32_t surplus = influences < slots ? slots - influences : 0;
+    course c = {.count = count};
+    for (uint32_t i = 0; i < count; ++i) {
+        c.widths[i] = slots - surplus * i / (count - 1);
+        c.ends[i] = first + (last - first) * (double)i / (double)(count - 2);
+    }
+    c.ends[count - 1] = 1.0;
+    return c;
 }
 
-static uint32_t phase_share(uint32_t count, size_t phase) {
-    const double begin = phase == 0 ? 0.0 : phase_ends[phase - 1];
-    return (uint32_t)round(phase_ends[phase] * count) - (uint32_t)round(begin * count);
+static double phase_begin(const course *c, uint32_t phase) {
+    return phase == 0 ? 0.0 : c->ends[phase - 1];
+}
+
+static uint32_t phase_share(const course *c, uint32_t count, uint32_t phase) {
+    return (uint32_t)round(c->ends[phase] * count) - (uint32_t)round(phase_begin(c, phase) * count);
 }
 
 void pci_skin_sort_row(uint32_t *bones, double *weights, uint32_t count) {
@@ -130,21 +149,21 @@ static bool rebalance(pci_skin_fit *f, const pci_skin_measures *measures) {
 // ---- AdamW --------------------------------------------------------------------------------------
 
 // One phase; the last with a falling learning rate.
-static pc_status descend(const pci_skin_fit *f, size_t phase) {
+static pc_status descend(const pci_skin_fit *f, const course *c, uint32_t phase) {
     const pc_skin_options *o = f->options;
     const pci_skin_descent settings = {
         .lambda = {o->lambda_rigid, f->spatial_share * o->lambda_collision,
                    f->spatial_share * o->lambda_attachment},
-        .epochs = phase_share(o->epochs, phase),
+        .epochs = phase_share(c, o->epochs, phase),
         .batch = o->batch,
         .learning_rate = o->learning_rate,
         .weight_decay = o->weight_decay,
         // The loss is a mean over the vertices; so is the scale of its gradient.
         .epsilon = 1e-8 / (double)f->problem.vertex_count,
-        .decay = phase + 1 == PHASES,
+        .decay = phase + 1 == c->count,
         .seed = o->seed,
-        .progress_begin = phase == 0 ? 0.0 : phase_ends[phase - 1],
-        .progress_end = phase_ends[phase],
+        .progress_begin = phase_begin(c, phase),
+        .progress_end = c->ends[phase],
     };
     return pci_skin_descend(f->context, &f->problem, pci_skin_kernel_float(), &settings,
                             f->weights);
@@ -164,20 +183,19 @@ static pc_status measure_surrogate(pci_scratch *scratch, const pci_skin_fit *f,
 }
 
 pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *f, pc_skin_report *r) {
-    uint32_t widths[PHASES];
-    phase_widths(f, widths);
+    const course c = plan_course(f, 3, 0.4, 0.6);
     pci_skin_measures measures = {0};
     pc_status status = measure_surrogate(scratch, f, &measures);
     report_before(f, &measures, r);
     balance(f, &measures);
-    for (size_t phase = 0; phase < PHASES && status == PC_OK; ++phase) {
-        if (widths[phase] < f->problem.slots) {
-            status = cut(scratch, f, widths[phase]);
+    for (uint32_t phase = 0; phase < c.count && status == PC_OK; ++phase) {
+        if (c.widths[phase] < f->problem.slots) {
+            status = cut(scratch, f, c.widths[phase]);
         }
         if (status == PC_OK) {
-            status = descend(f, phase);
+            status = descend(f, &c, phase);
         }
-        if (status == PC_OK && phase + 1 < PHASES) {
+        if (status == PC_OK && phase + 1 < c.count) {
             double losses[3];
             status = measure_surrogate(scratch, f, &measures);
             const double total = normalize_losses(f, f->paper_norms, &measures, losses);
@@ -214,7 +232,9 @@ static void hold_pinned(const pci_skin_fit *f, uint32_t *allowed) {
                     *weight = closest->barycentric[c];
                 }
             }
-            allowed[v] = 0;
+            if (allowed != NULL) {
+                allowed[v] = 0;
+            }
         }
     }
 }
@@ -313,11 +333,12 @@ static void normalize_rows(const pci_skin_fit *f) {
     }
 }
 
-static pc_status measure(const pci_skin_fit *f, pci_skin_alternation *a,
+// The paper's losses.
+static pc_status measure(const pci_skin_fit *f, pci_skin_alternation *a, size_t level,
                          pci_skin_measures *measures) {
     const pci_skin_problem paper = paper_problem(f);
     pci_skin_frames_use(&a->frames, &paper);
-    const pc_status status = pci_skin_alternation_measure(a, f->weights, measures);
+    const pc_status status = pci_skin_alternation_measure(a, level, f->weights, measures);
     pci_skin_frames_use(&a->frames, &f->problem);
     return status;
 }
@@ -331,61 +352,175 @@ static pc_status weigh(pci_scratch *scratch, const pci_skin_fit *f, pci_skin_alt
                : pci_fail_memory(f->context, stage);
 }
 
-pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_report *r) {
-    const pc_skin_options *o = f->options;
-    const pci_skin_problem *p = &f->problem;
-    const uint32_t slots = p->slots;
-    uint32_t widths[PHASES];
-    phase_widths(f, widths);
+// The rows of some vertices.
+static void *take_rows(pci_scratch *scratch, const void *rows, size_t size, size_t count,
+                       const uint32_t *vertices) {
+    char *taken = pci_scratch_allocate(scratch, count, size);
+    for (size_t i = 0; i < count && taken != NULL; ++i) {
+        memcpy(&taken[i * size], &((const char *)rows)[vertices[i] * size], size);
+    }
+    return taken;
+}
+
+static bool restrict_fit(pci_scratch *scratch, const pci_skin_fit *f, const pci_skin_coarse *coarse,
+                         pci_skin_fit *c) {
+    const size_t count = coarse->problem.vertex_count, influences = f->followed.influences;
+    const uint32_t *vertices = coarse->vertices;
+    *c = *f;
+    c->problem = coarse->problem;
+    c->bones = (uint32_t *)coarse->problem.bones;
+    c->weights =
+        take_rows(scratch, f->weights, f->problem.slots * sizeof(*f->weights), count, vertices);
+    c->closest = take_rows(scratch, f->closest, sizeof(*f->closest), count, vertices);
+    c->followed.vertex_count = count;
+    c->followed.bones = take_rows(scratch, f->followed.bones,
+                                  influences * sizeof(*f->followed.bones), count, vertices);
+    c->followed.weights = take_rows(scratch, f->followed.weights,
+                                    influences * sizeof(*f->followed.weights), count, vertices);
+    return !scratch->failed;
+}
+
+static pc_status solve_coarse(pci_scratch *scratch, pci_skin_fit *c, const pci_skin_gram *grams);
+
+// Takes from a smaller problem how the weights change that vary slowly. `rounds` (in and out): of
+// the first phase; more where there is no smaller problem.
+static pc_status start_from_coarse(pci_skin_fit *f, const pci_skin_gram *grams, uint32_t *rounds) {
+    const size_t slots = f->problem.slots;
+    if (f->problem.vertex_count < LEAST_VERTICES) {
+        *rounds = f->options->rounds;
+        return PC_OK;
+    }
+    pci_scratch scratch = pci_scratch_begin(f->context);
+    pci_skin_coarse coarse;
+    pci_skin_fit c;
+    if (!pci_skin_coarsen(&scratch, &f->problem, &coarse) ||
+        !restrict_fit(&scratch, f, &coarse, &c)) {
+        pci_scratch_end(&scratch);
+        return pci_fail_memory(f->context, stage);
+    }
+    pc_status status = PC_OK;
+    if (coarse.problem.vertex_count < f->problem.vertex_count / 2) {
+        status = solve_coarse(&scratch, &c, grams);
+        for (size_t k = 0; k < coarse.problem.vertex_count * slots && status == PC_OK; ++k) {
+            c.weights[k] -= f->weights[slots * coarse.vertices[k / slots] + k % slots];
+        }
+        if (status == PC_OK) {
+            pci_skin_frames driver;
+            pci_skin_frames_begin(f->context, &f->problem, pci_skin_kernel_float(), &driver);
+            pci_skin_prolong(&driver, grams[PCI_SKIN_SAMPLE].matrix, &f->problem, &coarse,
+                             c.weights, f->weights);
+        }
+    }
+    pci_scratch_end(&scratch);
+    return status;
+}
+
+static pc_status solve_coarse(pci_scratch *scratch, pci_skin_fit *c, const pci_skin_gram *grams) {
+    const pc_skin_options *o = c->options;
     pci_skin_alternation a;
-    if (!pci_skin_alternation_build(scratch, p, pci_skin_kernel_float(), &a)) {
+    uint32_t rounds = (o->rounds + 1) / 2;
+    pc_status status = start_from_coarse(c, grams, &rounds);
+    if (status != PC_OK) {
+        return status;
+    }
+    if (!pci_skin_alternation_build(scratch, &c->problem, pci_skin_kernel_float(), grams, &a)) {
+        return pci_fail_memory(c->context, stage);
+    }
+    pci_skin_alternation_follow(&a, c->proxy, &c->followed);
+    hold_pinned(c, a.allowed);
+    normalize_rows(c);
+    status = weigh(scratch, c, &a);
+    return status == PC_OK
+               ? pci_skin_alternation_run(&a, rounds, o->round_gain, true, 0.0, 0.0, c->weights)
+               : status;
+}
+
+// What is decided before the first slots are taken away, and the last: whether the garment moves
+// enough, and whether its layers can be held together. `measures`: of these weights.
+static pc_status decide(pci_scratch *scratch, pci_skin_fit *f, pci_skin_alternation *a,
+                        const pci_skin_measures *measures) {
+    bool still = false;
+    const pc_status status = keep_moving(f, &still);
+    return status == PC_OK && (rebalance(f, measures) || still) ? weigh(scratch, f, a) : status;
+}
+
+// Takes slots away so that `kept` are left.
+static pc_status narrow(pci_skin_fit *f, pci_skin_alternation *a, uint32_t kept,
+                        pci_skin_measures *measures) {
+    const pc_status status = pci_skin_alternation_prune(a, kept, f->weights, measures);
+    if (status == PC_OK) {
+        pci_skin_alternation_compact(a, kept, f->bones, f->weights);
+        f->problem.slots = kept;
+    }
+    return status;
+}
+
+static pc_status run_phases(pci_scratch *scratch, pci_skin_fit *f, pci_skin_alternation *a,
+                            uint32_t first_rounds, pc_skin_report *r) {
+    const pc_skin_options *o = f->options;
+    const course c = plan_course(f, PHASES_MAX, first_end, last_begin);
+    pc_status status = PC_OK;
+    for (uint32_t phase = 0; phase < c.count && status == PC_OK; ++phase) {
+        pci_skin_measures measures = {0};
+        if (phase == 1) {
+            double losses[3];
+            status = measure(f, a, PCI_SKIN_SAMPLE, &measures);
+            r->full_loss = normalize_losses(f, f->paper_norms, &measures, losses);
+        }
+        if (phase > 0 && status == PC_OK) {
+            // The pass over frames before slots are taken away also measures.
+            status = narrow(f, a, c.widths[phase], &measures);
+        }
+        if ((phase == 1 || phase + 1 == c.count) && status == PC_OK) {
+            status = decide(scratch, f, a, &measures);
+        }
+        if (status == PC_OK) {
+            status = pci_skin_alternation_run(
+                a, phase == 0 ? first_rounds : phase_share(&c, o->rounds, phase), o->round_gain,
+                phase + 1 < c.count, phase_begin(&c, phase), c.ends[phase], f->weights);
+        }
+    }
+    return status;
+}
+
+pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_report *r) {
+    const pci_skin_problem *p = &f->problem;
+    pci_skin_alternation a;
+    pci_skin_gram grams[PCI_SKIN_LEVELS];
+    if (!pci_skin_grams_build(scratch, p, pci_skin_kernel_float(), grams) ||
+        !pci_skin_alternation_build(scratch, p, pci_skin_kernel_float(), grams, &a)) {
         return pci_fail_memory(f->context, stage);
     }
     pci_skin_alternation_follow(&a, f->proxy, &f->followed);
+    uint32_t first_rounds = (uint32_t)round(first_end * f->options->rounds);
     pci_skin_measures measures = {0};
     normalize_rows(f);
-    pc_status status = measure(f, &a, &measures);
+    pc_status status = measure(f, &a, PCI_SKIN_SAMPLE, &measures);
     report_before(f, &measures, r);
     if (status == PC_OK) {
-        status = pci_skin_alternation_measure(&a, f->weights, &measures);
+        status = pci_skin_alternation_measure(&a, PCI_SKIN_SAMPLE, f->weights, &measures);
         balance(f, &measures);
     }
     start_from_followed(f);
+    hold_pinned(f, NULL);
+    normalize_rows(f);
+    if (status == PC_OK) {
+        status = start_from_coarse(f, grams, &first_rounds);
+    }
     pc_skin_free(f->context, &f->followed); // before memory peaks
     hold_pinned(f, a.allowed);
     normalize_rows(f);
     if (status == PC_OK) {
         status = weigh(scratch, f, &a);
     }
-    for (size_t phase = 0; phase < PHASES && status == PC_OK; ++phase) {
-        if (phase == 1) {
-            double losses[3];
-            status = measure(f, &a, &measures);
-            r->full_loss = normalize_losses(f, f->paper_norms, &measures, losses);
-        }
-        if (phase > 0 && status == PC_OK) {
-            // The pass over the frames before slots are taken away also measures.
-            bool still = false;
-            status = keep_moving(f, &still);
-            if (status == PC_OK) {
-                status = pci_skin_alternation_prune(&a, widths[phase], f->weights, &measures);
-            }
-            if (status == PC_OK && (rebalance(f, &measures) || still)) {
-                status = weigh(scratch, f, &a);
-            }
-        }
-        if (status == PC_OK) {
-            status = pci_skin_alternation_run(
-                &a, phase_share(o->rounds, phase), o->round_gain, phase + 1 < PHASES,
-                phase == 0 ? 0.0 : phase_ends[phase - 1], phase_ends[phase], f->weights);
-        }
+    if (status == PC_OK) {
+        status = run_phases(scratch, f, &a, first_rounds, r);
     }
     r->rounds = a.rounds;
     r->spatial_share = f->spatial_share;
     if (status == PC_OK) {
-        status = measure(f, &a, &measures);
+        status = measure(f, &a, PCI_SKIN_ALL, &measures);
         report_after(f, &measures, r);
     }
-    return status == PC_OK && widths[PHASES - 1] < slots ? cut(scratch, f, widths[PHASES - 1])
-                                                         : status;
+    return status;
 }

@@ -327,18 +327,23 @@ static bool fill_points(pci_scratch *scratch, pci_skin_frames *w) {
     return true;
 }
 
+void pci_skin_frames_begin(pc_context *context, const pci_skin_problem *problem,
+                           const pci_skin_kernel *kernel, pci_skin_frames *w) {
+    memset(w, 0, sizeof(*w));
+    w->context = context;
+    w->problem = problem;
+    w->kernel = kernel;
+    const double diagonal = pci_skin_extent(problem, w->origin);
+    w->unit = kernel->real_size == sizeof(float) && diagonal > 0.0 ? 1.0 / diagonal : 1.0;
+    w->data.columns = pci_skin_columns(problem);
+}
+
 bool pci_skin_frames_build(pci_scratch *scratch, const pci_skin_problem *problem,
                            const pci_skin_kernel *kernel, size_t block_count,
                            const uint32_t *frames, pci_skin_frames *w) {
     const size_t nv = problem->vertex_count;
-    memset(w, 0, sizeof(*w));
-    w->context = scratch->context;
-    w->problem = problem;
-    w->kernel = kernel;
+    pci_skin_frames_begin(scratch->context, problem, kernel, w);
     w->block_count = block_count;
-    const double diagonal = pci_skin_extent(problem, w->origin);
-    w->unit = kernel->real_size == sizeof(float) && diagonal > 0.0 ? 1.0 / diagonal : 1.0;
-    w->data.columns = pci_skin_columns(problem);
     w->data.slots = problem->slots;
     w->data.bones = problem->bones;
     w->data.weights = pci_skin_reals(scratch, kernel, nv * problem->slots);
@@ -355,21 +360,24 @@ bool pci_skin_frames_build(pci_scratch *scratch, const pci_skin_problem *problem
     return true;
 }
 
+uint32_t *pci_skin_frames_in_sequence(pci_scratch *scratch, const pci_skin_problem *problem,
+                                      size_t *block_count) {
+    const size_t frame_count = problem->frame_count;
+    const size_t count = (frame_count + PCI_BLOCK - 1) / PCI_BLOCK;
+    uint32_t *order = PCI_SCRATCH(scratch, uint32_t, PCI_BLOCK * count);
+    for (size_t i = 0; i < PCI_BLOCK * count && order != NULL; ++i) {
+        const size_t f = i % PCI_BLOCK * count + i / PCI_BLOCK;
+        order[i] = f < frame_count ? (uint32_t)f : PC_INVALID_INDEX;
+    }
+    *block_count = count;
+    return order;
+}
+
 bool pci_skin_frames_build_sequential(pci_scratch *scratch, const pci_skin_problem *problem,
                                       const pci_skin_kernel *kernel, pci_skin_frames *w) {
-    const size_t frame_count = problem->frame_count;
-    const size_t block_count = (frame_count + PCI_BLOCK - 1) / PCI_BLOCK;
-    uint32_t *order = PCI_SCRATCH(scratch, uint32_t, PCI_BLOCK * block_count);
-    if (order == NULL) {
-        return false;
-    }
-    for (size_t b = 0; b < block_count; ++b) {
-        for (size_t lane = 0; lane < PCI_BLOCK; ++lane) {
-            const size_t f = lane * block_count + b;
-            order[b * PCI_BLOCK + lane] = f < frame_count ? (uint32_t)f : PC_INVALID_INDEX;
-        }
-    }
-    return pci_skin_frames_build(scratch, problem, kernel, block_count, order, w);
+    size_t block_count;
+    const uint32_t *order = pci_skin_frames_in_sequence(scratch, problem, &block_count);
+    return order != NULL && pci_skin_frames_build(scratch, problem, kernel, block_count, order, w);
 }
 
 void pci_skin_frames_set_weights(pci_skin_frames *w, const double *weights) {

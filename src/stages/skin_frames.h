@@ -31,13 +31,19 @@ typedef struct pci_skin_frames {
     size_t driver_size;     // bytes per block
 } pci_skin_frames;
 
+// What follows from the driver alone: origin, unit, columns.
+void pci_skin_frames_begin(pc_context *context, const pci_skin_problem *problem,
+                           const pci_skin_kernel *kernel, pci_skin_frames *w);
+
 // `frames`: #blocks by PCI_BLOCK, the frames of each block, PC_INVALID_INDEX where it is not full.
 bool pci_skin_frames_build(pci_scratch *scratch, const pci_skin_problem *problem,
                            const pci_skin_kernel *kernel, size_t block_count,
                            const uint32_t *frames, pci_skin_frames *w);
 
-// All frames. Each lane walks through consecutive ones, so the rotations of a frame are a good
-// guess for the next.
+// Blocks of all frames. Each lane walks through consecutive ones, so the rotations of a frame are a
+// good guess for the next. NULL: out of memory.
+uint32_t *pci_skin_frames_in_sequence(pci_scratch *scratch, const pci_skin_problem *problem,
+                                      size_t *block_count);
 bool pci_skin_frames_build_sequential(pci_scratch *scratch, const pci_skin_problem *problem,
                                       const pci_skin_kernel *kernel, pci_skin_frames *w);
 

@@ -30,6 +30,9 @@ typedef struct pci_skin_problem {
 bool pci_skin_problem_build(pci_scratch *scratch, const pc_mesh *surface, uint32_t neighbours,
                             pci_skin_problem *problem);
 
+// The same for points and rings that are there. False: out of memory.
+bool pci_skin_problem_finish(pci_scratch *scratch, uint32_t neighbours, pci_skin_problem *problem);
+
 // Makes the edges of L_r, L_c and L_s count alike whatever their length: stiffness falls with the
 // squared length. `norms` follow.
 void pci_skin_problem_equalize(pci_skin_problem *problem);

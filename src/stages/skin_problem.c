@@ -47,23 +47,20 @@ static bool find_rings(pci_scratch *scratch, const pc_mesh *surface, pci_skin_pr
     return good;
 }
 
-bool pci_skin_problem_build(pci_scratch *scratch, const pc_mesh *surface, uint32_t neighbours,
-                            pci_skin_problem *problem) {
-    const size_t nv = surface->vertex_count;
-    memset(problem, 0, sizeof(*problem));
-    problem->vertex_count = nv;
-    problem->rest = surface->positions;
+bool pci_skin_problem_finish(pci_scratch *scratch, uint32_t neighbours, pci_skin_problem *problem) {
+    const size_t nv = problem->vertex_count;
+    const pc_mesh points = {.vertex_count = nv, .positions = (double *)problem->rest};
+    memset(problem->norms, 0, sizeof(problem->norms));
     problem->near_count = nv - 1 < neighbours ? (uint32_t)(nv - 1) : neighbours;
     const size_t k = problem->near_count;
     uint32_t *order = NULL, *near = PCI_SCRATCH(scratch, uint32_t, k * nv);
     double *weights = PCI_SCRATCH(scratch, double, k *nv); // distances at first
-    if (scratch->failed || !find_rings(scratch, surface, problem) ||
-        !pci_sort_points(scratch, nv, surface->positions, &order)) {
+    if (scratch->failed || !pci_sort_points(scratch, nv, problem->rest, &order)) {
         return false;
     }
     pci_scratch local = pci_scratch_begin(scratch->context);
     pci_knn knn;
-    const bool built = pci_knn_build(&local, nv, surface->positions, &knn);
+    const bool built = pci_knn_build(&local, nv, problem->rest, &knn);
     if (built) {
         near_job job = {.knn = &knn, .problem = problem, .near = near, .distances = weights};
         pci_parallel_for(scratch->context, nv, 256, find_near, &job);
@@ -77,7 +74,7 @@ bool pci_skin_problem_build(pci_scratch *scratch, const pc_mesh *surface, uint32
     problem->near_weights = weights;
 
     // Kw_ij of equation (10); epsilon_z is 1 mm on a garment of 1.5 m.
-    const double epsilon = pci_diagonal(surface) * (1e-3 / 1.5);
+    const double epsilon = pci_diagonal(&points) * (1e-3 / 1.5);
     for (size_t v = 0; v < nv; ++v) {
         double sum = 0.0, mean = 0.0;
         for (size_t e = k * v; e < k * v + k; ++e) {
@@ -91,11 +88,20 @@ bool pci_skin_problem_build(pci_scratch *scratch, const pc_mesh *surface, uint32
         }
         problem->norms[2] += mean * mean;
         for (size_t e = problem->ring_offsets[v]; e < problem->ring_offsets[v + 1]; ++e) {
-            problem->norms[0] += pci_squared_distance(
-                &surface->positions[3 * v], &surface->positions[3 * (size_t)problem->ring[e]]);
+            problem->norms[0] += pci_squared_distance(&problem->rest[3 * v],
+                                                      &problem->rest[3 * (size_t)problem->ring[e]]);
         }
     }
     return true;
+}
+
+bool pci_skin_problem_build(pci_scratch *scratch, const pc_mesh *surface, uint32_t neighbours,
+                            pci_skin_problem *problem) {
+    memset(problem, 0, sizeof(*problem));
+    problem->vertex_count = surface->vertex_count;
+    problem->rest = surface->positions;
+    return find_rings(scratch, surface, problem) &&
+           pci_skin_problem_finish(scratch, neighbours, problem);
 }
 
 double pci_skin_stiffness(const pci_skin_problem *problem, size_t i, size_t j) {

@@ -155,11 +155,13 @@ static bool run_paper(bench *b, const char *name, uint32_t batch, uint32_t steps
         memcpy(&skin.weights[SLOTS * v], row, sizeof(row));
     }
     if (good && batch == 0) {
-        good =
-            pci_skin_alternation_build(&scratch, &problem, pci_skin_kernel_float(), &alternation) &&
-            pci_skin_alternation_weigh(&scratch, &alternation, lambda, 0.0) &&
-            pci_skin_alternation_run(&alternation, steps, 0.0, false, 0.0, 1.0, skin.weights) ==
-                PC_OK;
+        pci_skin_gram grams[PCI_SKIN_LEVELS];
+        const pci_skin_kernel *kernel = pci_skin_kernel_float();
+        good = pci_skin_grams_build(&scratch, &problem, kernel, grams) &&
+               pci_skin_alternation_build(&scratch, &problem, kernel, grams, &alternation) &&
+               pci_skin_alternation_weigh(&scratch, &alternation, lambda, 0.0) &&
+               pci_skin_alternation_run(&alternation, steps, 0.0, false, 0.0, 1.0, skin.weights) ==
+                   PC_OK;
     }
     const double seconds = cpu_seconds() - start, peak = peak_mebibytes() - before;
     if (good) {

@@ -1,5 +1,6 @@
 #include "proxycloth/evaluate_motion.h"
 #include "stages/skin_alternate.h"
+#include "stages/skin_coarse.h"
 #include "stages/skin_fit.h"
 #include "stages/skin_simplex.h"
 #include "support/skin_fixture.h"
@@ -154,8 +155,10 @@ static void open_solver(const char *name, uint32_t frames, uint32_t threads, dou
                                                             s->f.rotations));
         s->f.problem.rotations = s->f.rotations;
     }
-    assert_true(
-        pci_skin_alternation_build(&s->f.scratch, &s->f.problem, pci_skin_kernel_double(), &s->a));
+    pci_skin_gram grams[PCI_SKIN_LEVELS];
+    const pci_skin_kernel *kernel = pci_skin_kernel_double();
+    assert_true(pci_skin_grams_build(&s->f.scratch, &s->f.problem, kernel, grams));
+    assert_true(pci_skin_alternation_build(&s->f.scratch, &s->f.problem, kernel, grams, &s->a));
     assert_ok(s->f.context,
               pc_skin_closest_triangle(s->f.context, &s->f.visual, &s->f.proxy, &s->followed));
     pci_skin_alternation_follow(&s->a, &s->f.proxy, &s->followed);
@@ -249,7 +252,7 @@ static double product_of(const solver *s, size_t i, size_t j) {
     const pci_skin_problem *p = &s->f.problem;
     const size_t columns = s->a.frames.data.columns;
     return pci_skin_gram_product(
-        s->a.levels[PCI_SKIN_ALL].gram, p->proxy_count, columns, p->bones[i], p->bones[j],
+        s->a.grams[PCI_SKIN_ALL].matrix, p->proxy_count, columns, p->bones[i], p->bones[j],
         &s->a.frames.points[i / p->slots * columns], &s->a.frames.points[j / p->slots * columns]);
 }
 
@@ -400,9 +403,9 @@ static void a_sample_of_the_frames_leads_to_the_same_loss(void **state) {
     double *sampled = calloc(f->count, sizeof(double)), *full = calloc(f->count, sizeof(double));
     memcpy(sampled, f->weights, f->count * sizeof(double));
     memcpy(full, f->weights, f->count * sizeof(double));
-    assert_true(s.a.levels[PCI_SKIN_SAMPLE].stride > 1);
+    assert_true(s.a.grams[PCI_SKIN_SAMPLE].stride > 1);
     assert_ok(f->context, pci_skin_alternation_run(&s.a, 32, 0.0, false, 0.0, 1.0, sampled));
-    s.a.levels[PCI_SKIN_SAMPLE].stride = 1; // from now on all frames
+    s.a.grams[PCI_SKIN_SAMPLE].stride = 1; // from now on all frames
     assert_ok(f->context, pci_skin_alternation_run(&s.a, 32, 0.0, false, 0.0, 1.0, full));
     const double first = loss_of(f, f->weights), expected = loss_of(f, full);
     assert_true(expected < 0.8 * first);
@@ -515,6 +518,136 @@ static void pruning_beats_cutting(void **state) {
     close_solver(&s);
 }
 
+// Rows as short as what is left say the same: the same bones and weights, the same loss.
+static void short_rows_say_the_same(void **state) {
+    (void)state;
+    solver s;
+    open_solver("dress796", 32, 1, 0.5, false, &s);
+    fixture *f = &s.f;
+    const size_t slots = f->problem.slots, nv = f->problem.vertex_count;
+    double *w = calloc(f->count, sizeof(double));
+    uint32_t *bones = calloc(f->count, sizeof(uint32_t));
+    memcpy(w, f->weights, f->count * sizeof(double));
+    memcpy(bones, f->bones, f->count * sizeof(uint32_t));
+    assert_ok(f->context, pci_skin_alternation_run(&s.a, 4, 0.0, false, 0.0, 1.0, w));
+    pci_skin_measures measures, shortened;
+    assert_ok(f->context, pci_skin_alternation_prune(&s.a, 5, w, &measures));
+    assert_ok(f->context, pci_skin_alternation_measure(&s.a, PCI_SKIN_ALL, w, &measures));
+    const double target = s.a.targets[PCI_SKIN_ALL][0];
+    memcpy(f->surrogate, w, f->count * sizeof(double));
+    pci_skin_alternation_compact(&s.a, 5, f->bones, w);
+    f->problem.slots = 5;
+    for (size_t v = 0; v < nv; ++v) {
+        double sum = 0.0;
+        size_t found = 0;
+        for (size_t k = 0; k < 5; ++k) {
+            sum += w[5 * v + k];
+            for (size_t l = v * slots; l < (v + 1) * slots; ++l) {
+                found += bones[l] == f->bones[5 * v + k] && f->surrogate[l] == w[5 * v + k];
+            }
+        }
+        assert_int_equal(found, 5);
+        assert_close(sum, 1.0, 1e-12);
+        assert_int_equal(s.a.allowed[v], 0x1f);
+    }
+    assert_true(f->bones[0] != bones[0] || s.a.targets[PCI_SKIN_ALL][0] == target);
+    assert_ok(f->context, pci_skin_alternation_measure(&s.a, PCI_SKIN_ALL, w, &shortened));
+    for (size_t x = 0; x < 3; ++x) {
+        assert_close(shortened.losses[x], measures.losses[x], 1e-9 * measures.losses[x]);
+    }
+    assert_ok(f->context, pci_skin_alternation_run(&s.a, 4, 0.0, false, 0.0, 1.0, w));
+    free(w);
+    free(bones);
+    close_solver(&s);
+}
+
+// ---- coarse problems ----------------------------------------------------------------------------
+
+static void coarse_vertices_stand_for_all(void **state) {
+    (void)state;
+    fixture f;
+    load_fixture("dress796", 1, &f);
+    const pci_skin_problem *fine = &f.problem;
+    pci_skin_coarse coarse;
+    assert_true(pci_skin_coarsen(&f.scratch, fine, &coarse));
+    const pci_skin_problem *p = &coarse.problem;
+    assert_in_range(p->vertex_count, fine->vertex_count / 10, fine->vertex_count / 2);
+    for (size_t v = 0; v < fine->vertex_count; ++v) {
+        const uint32_t c = coarse.clusters[v], by = coarse.vertices[c];
+        bool near = by == v;
+        for (size_t e = fine->ring_offsets[v]; e < fine->ring_offsets[v + 1]; ++e) {
+            near = near || fine->ring[e] == by;
+            assert_true(by != v ||
+                        coarse.vertices[coarse.clusters[fine->ring[e]]] != fine->ring[e]);
+        }
+        assert_true(near);
+    }
+    for (uint32_t c = 0; c < p->vertex_count; ++c) {
+        assert_int_equal(coarse.clusters[coarse.vertices[c]], c);
+        assert_memory_equal(&p->rest[3 * (size_t)c], &fine->rest[3 * (size_t)coarse.vertices[c]],
+                            3 * sizeof(double));
+        for (size_t e = p->ring_offsets[c]; e < p->ring_offsets[c + 1]; ++e) {
+            const uint32_t other = p->ring[e];
+            bool back = false;
+            assert_true(other != c);
+            for (size_t i = p->ring_offsets[other]; i < p->ring_offsets[other + 1]; ++i) {
+                back = back || p->ring[i] == c;
+            }
+            assert_true(back);
+        }
+    }
+    free_fixture(&f);
+}
+
+// No change leaves all as it is; where all move alike and may, all do.
+static void changes_are_prolonged(void **state) {
+    (void)state;
+    solver s;
+    open_solver("dress796", 16, 1, 0.5, false, &s);
+    const pci_skin_problem *fine = &s.f.problem;
+    const size_t slots = fine->slots, nv = fine->vertex_count;
+    uint32_t *bones = calloc(s.f.count, sizeof(uint32_t));
+    double *w = calloc(s.f.count, sizeof(double));
+    for (size_t i = 0; i < s.f.count; ++i) { // the same for all
+        bones[i] = (uint32_t)(i % slots);
+    }
+    s.f.problem.bones = bones;
+    pci_skin_coarse coarse;
+    assert_true(pci_skin_coarsen(&s.f.scratch, fine, &coarse));
+    double *change = calloc(coarse.problem.vertex_count * slots, sizeof(double));
+    const double *gram = s.a.grams[PCI_SKIN_ALL].matrix;
+    memcpy(w, s.f.weights, s.f.count * sizeof(double));
+    pci_skin_prolong(&s.a.frames, gram, fine, &coarse, change, w);
+    for (size_t i = 0; i < s.f.count; ++i) {
+        assert_close(w[i], s.f.weights[i], 1e-12);
+    }
+    for (size_t c = 0; c < coarse.problem.vertex_count; ++c) {
+        change[c * slots] = 0.2;
+        change[c * slots + 1] = -0.2;
+    }
+    size_t moved = 0;
+    pci_skin_prolong(&s.a.frames, gram, fine, &coarse, change, w);
+    for (size_t v = 0; v < nv; ++v) {
+        const double *row = &w[v * slots], *before = &s.f.weights[v * slots];
+        double sum = 0.0;
+        for (size_t k = 0; k < slots; ++k) {
+            assert_true(row[k] >= 0.0);
+            sum += row[k];
+        }
+        assert_close(sum, 1.0, 1e-12);
+        if (before[1] > 0.2) {
+            assert_close(row[0], before[0] + 0.2, 1e-9);
+            assert_close(row[1], before[1] - 0.2, 1e-9);
+            ++moved;
+        }
+    }
+    assert_true(moved > 20);
+    free(bones);
+    free(w);
+    free(change);
+    close_solver(&s);
+}
+
 // ---- the stage ----------------------------------------------------------------------------------
 
 // Motion on a wind that was not seen, over that of closest-triangle weights. What hangs on held
@@ -619,6 +752,9 @@ int main(void) {
         cmocka_unit_test(stops_at_a_stationary_point),
         {"stops_at_a_stationary_point, turned", stops_at_a_stationary_point, NULL, NULL, &turned},
         cmocka_unit_test(pruning_beats_cutting),
+        cmocka_unit_test(short_rows_say_the_same),
+        cmocka_unit_test(coarse_vertices_stand_for_all),
+        cmocka_unit_test(changes_are_prolonged),
         cmocka_unit_test(follows_the_proxy),
         cmocka_unit_test(lengths_are_kept_as_asked),
     };

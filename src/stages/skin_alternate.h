@@ -34,16 +34,17 @@ typedef struct pci_skin_alternation {
     pci_skin_frames frames;
     pci_skin_quadratic quadratic;
     pci_skin_gram grams[PCI_SKIN_LEVELS];
-    double *targets[PCI_SKIN_LEVELS];          // #V by slots: G b of each, rows of the candidates
-    double scale[4];                           // of the losses
-    uint32_t *allowed;                         // #V, see pci_skin_quadratic
-    double *follow;                            // #V: factor of L_f
-    const pc_skin *followed;                   // b of L_f
-    uint8_t *numbers;                          // #threads by #P: 1 + slot of a row, or 0
-    double spacing;                            // of the proxy's vertices, squared
-    double *gradient, *last_gradient, *before; // #V by slots
-    pci_skin_sums *sums;                       // #patches by #blocks
-    uint32_t rounds;                           // so far
+    float *targets[PCI_SKIN_LEVELS]; // #V by slots: G b of each, rows of the candidates
+    double scale[4];                 // of the losses
+    uint32_t *allowed;               // #V, see pci_skin_quadratic
+    double *follow;                  // #V: factor of L_f
+    const pc_skin *followed;         // b of L_f
+    uint8_t *numbers;                // #threads by #P: 1 + slot of a row, or 0
+    double spacing;                  // of the proxy's vertices, squared
+    float *gradient, *last_gradient; // #V by slots
+    float *moved;                    // #V by slots: since the gradient was found
+    pci_skin_sums *sums;             // #patches by #blocks
+    uint32_t rounds;                 // so far
 } pci_skin_alternation;
 
 // False: out of memory.

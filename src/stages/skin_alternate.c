@@ -418,7 +418,7 @@ void pci_skin_alternation_compact(pci_skin_alternation *a, uint32_t kept, uint32
     const size_t nv = a->frames.problem->vertex_count;
     const uint32_t slots = a->frames.problem->slots;
     for (size_t v = 0; v < nv; ++v) {
-        uint32_t chosen[PCI_SKIN_SLOTS_MAX];
+        uint32_t chosen[PCI_SKIN_SLOTS_MAX] = {0};
         double sum = 0.0;
         choose_slots(a->allowed[v], &weights[v * slots], slots, kept, chosen);
         for (uint32_t k = 0; k < kept; ++k) {
@@ -435,7 +435,7 @@ void pci_skin_alternation_compact(pci_skin_alternation *a, uint32_t kept, uint32
                 weights[v * kept + k] /= sum;
             }
         } else {
-            a->allowed[v] = 0xffffffffU >> (32 - kept);
+            a->allowed[v] = (uint32_t)(((uint64_t)1 << kept) - 1);
         }
     }
     a->frames.data.slots = a->quadratic.slots = kept;

@@ -206,19 +206,40 @@ void pci_bvh_release_device(pc_context *context) {
 
 // ---- closest point ------------------------------------------------------------------------------
 
-// Closest point of the segment from `start` along `edge` to the origin, as a fraction of the edge.
-static double closest_on_edge(const double start[3], const double edge[3], double *fraction) {
-    const double length2 = pci_dot(edge, edge);
-    double t = length2 > 0.0 ? -pci_dot(start, edge) / length2 : 0.0;
-    t = t > 0.0 ? (t < 1.0 ? t : 1.0) : 0.0;
-    *fraction = t;
-    const double r[3] = {start[0] + t * edge[0], start[1] + t * edge[1], start[2] + t * edge[2]};
-    return pci_dot(r, r);
+// The point of a triangle that is closest to the origin.
+typedef struct closest_spot {
+    double distance2;
+    double barycentric[3];
+} closest_spot;
+
+// Takes the closest point of the edge from the corner `first` at `from` to the next one at `to`
+// where that is closer. Corners are as far away whatever edge they are seen from.
+static inline void compare_edge(const double from[3], const double to[3], const double edge[3],
+                                size_t first, closest_spot *best) {
+    const double along = -pci_dot(from, edge), length2 = pci_dot(edge, edge);
+    double fraction = 0.0, distance2 = 0.0;
+    if (!(along > 0.0)) {
+        distance2 = pci_dot(from, from);
+    } else if (!(along < length2)) {
+        fraction = 1.0;
+        distance2 = pci_dot(to, to);
+    } else {
+        fraction = along / length2;
+        const double r[3] = {from[0] + fraction * edge[0], from[1] + fraction * edge[1],
+                             from[2] + fraction * edge[2]};
+        distance2 = pci_dot(r, r);
+    }
+    if (distance2 < best->distance2) {
+        best->distance2 = distance2;
+        best->barycentric[first] = 1.0 - fraction;
+        best->barycentric[(first + 1) % 3] = fraction;
+        best->barycentric[(first + 2) % 3] = 0.0;
+    }
 }
 
 double pci_triangle_squared_distance(const double point[3], const double a[3], const double b[3],
                                      const double c[3], double barycentric[3]) {
-    double pa[3], pb[3], pc[3], ab[3], bc[3], ca[3], normal[3], t[3];
+    double pa[3], pb[3], pc[3], ab[3], bc[3], ca[3], normal[3], t[3], w[3];
     pci_sub(a, point, pa);
     pci_sub(b, point, pb);
     pci_sub(c, point, pc);
@@ -226,45 +247,40 @@ double pci_triangle_squared_distance(const double point[3], const double a[3], c
     pci_sub(c, b, bc);
     pci_sub(a, c, ca);
     pci_cross(ab, bc, normal);
-
-    // The foot of the perpendicular, when it lies inside. Whatever the rounding, the weights are
-    // those of a point of the triangle, and the distance is measured to that point.
-    double best = INFINITY;
-    const double double_area2 = pci_dot(normal, normal);
-    double w[3];
     pci_cross(pb, bc, t);
     w[0] = pci_dot(t, normal);
     pci_cross(pc, ca, t);
     w[1] = pci_dot(t, normal);
     pci_cross(pa, ab, t);
     w[2] = pci_dot(t, normal);
+
+    // The foot of the perpendicular, when it lies inside. Whatever the rounding, the weights are
+    // those of a point of the triangle, and the distance is measured to that point.
+    const bool sliver = !(pci_dot(normal, normal) > 1e-6 * pci_dot(ab, ab) * pci_dot(ca, ca));
+    closest_spot best = {.distance2 = INFINITY};
     if (w[0] > 0.0 && w[1] > 0.0 && w[2] > 0.0) {
         const double sum = w[0] + w[1] + w[2];
         for (size_t k = 0; k < 3; ++k) {
-            barycentric[k] = w[k] / sum;
+            best.barycentric[k] = w[k] / sum;
         }
-        const double r[3] = {pa[0] + barycentric[1] * ab[0] - barycentric[2] * ca[0],
-                             pa[1] + barycentric[1] * ab[1] - barycentric[2] * ca[1],
-                             pa[2] + barycentric[1] * ab[2] - barycentric[2] * ca[2]};
-        best = pci_dot(r, r);
-        // Slivers, where the foot is not to be trusted, also compare with their edges.
-        if (double_area2 > 1e-6 * pci_dot(ab, ab) * pci_dot(ca, ca)) {
-            return best;
-        }
+        const double u = best.barycentric[1], v = best.barycentric[2];
+        const double r[3] = {pa[0] + u * ab[0] - v * ca[0], pa[1] + u * ab[1] - v * ca[1],
+                             pa[2] + u * ab[2] - v * ca[2]};
+        best.distance2 = pci_dot(r, r);
     }
-
-    const double *starts[3] = {pa, pb, pc}, *edges[3] = {ab, bc, ca};
-    for (size_t e = 0; e < 3; ++e) {
-        double fraction = 0.0;
-        const double distance2 = closest_on_edge(starts[e], edges[e], &fraction);
-        if (distance2 < best) {
-            best = distance2;
-            barycentric[e] = 1.0 - fraction;
-            barycentric[(e + 1) % 3] = fraction;
-            barycentric[(e + 2) % 3] = 0.0;
-        }
+    // Otherwise it is on an edge with the foot on its outer side; slivers, where neither the foot
+    // nor its side is to be trusted, compare all edges.
+    if (sliver || !(w[2] > 0.0)) {
+        compare_edge(pa, pb, ab, 0, &best);
     }
-    return best;
+    if (sliver || !(w[0] > 0.0)) {
+        compare_edge(pb, pc, bc, 1, &best);
+    }
+    if (sliver || !(w[1] > 0.0)) {
+        compare_edge(pc, pa, ca, 2, &best);
+    }
+    memcpy(barycentric, best.barycentric, sizeof(best.barycentric));
+    return best.distance2;
 }
 
 static double distance2_to(const pc_mesh *mesh, uint32_t t, const double point[3],
@@ -339,26 +355,30 @@ static void visit_around(const pci_bvh *bvh, const double point[3], double radiu
     rtcPointQuery(bvh->scene, &search, &search_context, visit, user);
 }
 
+// The result of a finished query.
+static pci_closest found_closest(const closest_query *query) {
+    pci_closest closest = {.triangle = query->triangle};
+    if (query->triangle != PC_INVALID_INDEX) {
+        closest.distance = sqrt(query->distance2);
+        memcpy(closest.barycentric, query->barycentric, sizeof(closest.barycentric));
+        for (size_t k = 0; k < 3; ++k) {
+            for (size_t c = 0; c < 3; ++c) {
+                closest.point[k] +=
+                    closest.barycentric[c] * corner(query->bvh->mesh, closest.triangle, c)[k];
+            }
+        }
+    }
+    return closest;
+}
+
 pci_closest pci_bvh_closest(const pci_bvh *bvh, const double point[3], double radius) {
-    pci_closest closest = {.triangle = PC_INVALID_INDEX};
     closest_query query = {.bvh = bvh,
                            .point = point,
                            .radius = radius,
                            .distance2 = INFINITY,
                            .triangle = PC_INVALID_INDEX};
     visit_around(bvh, point, radius, visit_triangle, &query, &query.slack);
-    if (query.triangle != PC_INVALID_INDEX) {
-        closest.triangle = query.triangle;
-        closest.distance = sqrt(query.distance2);
-        memcpy(closest.barycentric, query.barycentric, sizeof(closest.barycentric));
-        for (size_t k = 0; k < 3; ++k) {
-            for (size_t c = 0; c < 3; ++c) {
-                closest.point[k] +=
-                    closest.barycentric[c] * corner(bvh->mesh, closest.triangle, c)[k];
-            }
-        }
-    }
-    return closest;
+    return found_closest(&query);
 }
 
 typedef struct within_query {
@@ -438,6 +458,89 @@ size_t pci_bvh_collect(const pci_bvh *bvh, const double point[3], double radius,
     double slack = 0.0;
     visit_around(bvh, point, radius, collect_triangle, &found, &slack);
     return found.count;
+}
+
+// ---- a point that moves -------------------------------------------------------------------------
+
+// Room for all the rounding of distances and of the ball's radius.
+static const double ball_slack = 1e-9;
+
+typedef struct ball_query {
+    closest_query best;
+    pci_surroundings *around;
+    double squared_radius;
+} ball_query;
+
+static void compare_distance(closest_query *best, uint32_t triangle, double distance2,
+                             const double barycentric[3]) {
+    if (distance2 < best->distance2 ||
+        (distance2 == best->distance2 && triangle < best->triangle)) {
+        best->distance2 = distance2;
+        best->triangle = triangle;
+        memcpy(best->barycentric, barycentric, sizeof(best->barycentric));
+    }
+}
+
+static bool list_triangle(struct RTCPointQueryFunctionArguments *arguments) {
+    ball_query *query = arguments->userPtr;
+    pci_surroundings *around = query->around;
+    const uint32_t t = arguments->primID;
+    double barycentric[3] = {0};
+    const double distance2 = distance2_to(query->best.bvh->mesh, t, query->best.point, barycentric);
+    if (around->count > PCI_SURROUNDINGS || !(distance2 <= query->squared_radius)) {
+        return false;
+    }
+    if (around->count < PCI_SURROUNDINGS) {
+        around->triangles[around->count] = t;
+        around->distances[around->count] = sqrt(distance2);
+    }
+    compare_distance(&query->best, t, distance2, barycentric);
+    if (++around->count <= PCI_SURROUNDINGS) {
+        return false;
+    }
+    arguments->query->radius = 0.0f; // too many
+    return true;
+}
+
+// Leaves out those that are too far away, since the point moved only so far.
+static closest_query look_around(const pci_bvh *bvh, const double point[3],
+                                 const pci_surroundings *around, double way) {
+    closest_query best = {.bvh = bvh, .distance2 = INFINITY, .triangle = PC_INVALID_INDEX};
+    double nearest = INFINITY, barycentric[3] = {0};
+    for (uint32_t i = 0; i < around->count; ++i) {
+        if (around->distances[i] - way <= nearest) {
+            const double distance2 =
+                distance2_to(bvh->mesh, around->triangles[i], point, barycentric);
+            compare_distance(&best, around->triangles[i], distance2, barycentric);
+            nearest = sqrt(best.distance2) + ball_slack * around->radius;
+        }
+    }
+    return best;
+}
+
+pci_closest pci_bvh_closest_moving(const pci_bvh *bvh, const double point[3], double bound,
+                                   double margin, pci_surroundings *around) {
+    // Whatever is within the bound of the point is within this of the old centre.
+    const double way = sqrt(pci_squared_distance(point, around->centre));
+    if ((bound + way) * (1.0 + ball_slack) <= around->radius) {
+        const closest_query best = look_around(bvh, point, around, way);
+        return found_closest(&best);
+    }
+    const double radius = (bound + margin) * (1.0 + 4.0 * ball_slack);
+    ball_query query = {
+        .best = {.bvh = bvh, .point = point, .distance2 = INFINITY, .triangle = PC_INVALID_INDEX},
+        .around = around,
+        .squared_radius = radius * radius};
+    double slack = 0.0;
+    around->count = 0;
+    around->radius = -1.0;
+    visit_around(bvh, point, radius, list_triangle, &query, &slack);
+    if (around->count == 0 || around->count > PCI_SURROUNDINGS) {
+        return pci_bvh_closest(bvh, point, bound);
+    }
+    memcpy(around->centre, point, sizeof(around->centre));
+    around->radius = radius;
+    return found_closest(&query.best);
 }
 
 // ---- rays ---------------------------------------------------------------------------------------

@@ -35,14 +35,30 @@ pci_closest pci_bvh_closest(const pci_bvh *bvh, const double point[3], double ra
 // Whether any point of the mesh is within `radius`; quicker, since the first one will do.
 bool pci_bvh_within(const pci_bvh *bvh, const double point[3], double radius);
 
-// The closest point within any radius, but much quicker where triangle `hint` is near: a search among
-// neighbours hands on what it found last. PC_INVALID_INDEX: no idea.
+// The closest point within any radius, but much quicker where triangle `hint` is near: a search
+// among neighbours hands on what it found last. PC_INVALID_INDEX: no idea.
 pci_closest pci_bvh_closest_near(const pci_bvh *bvh, const double point[3], uint32_t hint);
 
 // Collects the triangles within `radius`, in no particular order. Returns their number, or
 // capacity + 1 when there are more than fit; then `triangles` holds some of them.
 size_t pci_bvh_collect(const pci_bvh *bvh, const double point[3], double radius, size_t capacity,
                        uint32_t *triangles);
+
+enum { PCI_SURROUNDINGS = 8 };
+
+// The triangles around a point; zeroed before the first query.
+typedef struct pci_surroundings {
+    double centre[3], radius; // all within are listed, with their distances from the centre
+    double distances[PCI_SURROUNDINGS];
+    uint32_t triangles[PCI_SURROUNDINGS];
+    uint32_t count;
+} pci_surroundings;
+
+// The closest point within `bound`, where there must be one, of a point that moves a little from
+// query to query: as long as it and the closest triangle stay in the ball that was searched, only
+// the triangles of that are looked at. New balls are larger by `margin` than they need to be.
+pci_closest pci_bvh_closest_moving(const pci_bvh *bvh, const double point[3], double bound,
+                                   double margin, pci_surroundings *around);
 
 typedef struct pci_hit {
     uint32_t triangle; // PC_INVALID_INDEX: no hit

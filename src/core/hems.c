@@ -1,6 +1,6 @@
 #include "core/hems.h"
 
-#include <stdlib.h>
+#include "core/sorting.h"
 
 // All edges of a soup are free: then pieces are longer, as far as there are not more edges.
 enum { most_pieces = 1 << 17 };
@@ -103,7 +103,10 @@ bool pci_find_hems(pci_scratch *scratch, const pc_mesh *mesh, const pci_bvh *bvh
             sides[count++] = (side){u < v ? u : v, u < v ? v : u, corner[(c + 2) % 3]};
         }
     }
-    qsort(sides, count, sizeof(*sides), compare_sides);
+    if (!pci_sort_by_number(scratch->context, sides, count, sizeof(*sides), mesh->vertex_count,
+                            compare_sides)) {
+        return false;
+    }
     for (size_t i = 0, next; i < count; i = next) {
         bool one = true; // triangle, or copies of it
         for (next = i + 1;

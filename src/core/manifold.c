@@ -1,7 +1,6 @@
 #include "core/manifold.h"
 
-#include <stdlib.h>
-
+#include "core/sorting.h"
 #include "core/topology.h"
 #include "core/union_find.h"
 
@@ -56,7 +55,10 @@ static bool drop_degenerate(repair *r, const uint8_t *keep) {
         memcpy(sorted[count].corners, c, sizeof(c));
         sorted[count++].index = (uint32_t)t;
     }
-    qsort(sorted, count, sizeof(*sorted), compare_triangles);
+    if (!pci_sort_by_number(r->scratch->context, sorted, count, sizeof(*sorted), mesh->vertex_count,
+                            compare_triangles)) {
+        return false;
+    }
     for (size_t i = 0; i < count; ++i) {
         r->alive[sorted[i].index] =
             i == 0 || memcmp(sorted[i].corners, sorted[i - 1].corners, sizeof(uint32_t[3])) != 0;
@@ -191,44 +193,50 @@ static void find_fans(repair *r) {
 }
 
 typedef struct fan_edge {
-    uint64_t key;
+    uint32_t ends[2]; // root corners of the fans, ascending
     uint32_t half;
 } fan_edge;
 
 static int compare_fan_edges(const void *a, const void *b) {
     const fan_edge *x = a, *y = b;
-    if (x->key != y->key) {
-        return x->key < y->key ? -1 : 1;
+    for (size_t i = 0; i < 2; ++i) {
+        if (x->ends[i] != y->ends[i]) {
+            return x->ends[i] < y->ends[i] ? -1 : 1;
+        }
     }
     return (x->half > y->half) - (x->half < y->half);
 }
 
-// Removes triangles that meet others in an edge without being joined to them. Returns how many.
-static size_t remove_crowded(repair *r, fan_edge *edges) {
-    size_t count = 0, removed = 0;
+// Removes triangles that meet others in an edge without being joined to them. False: out of memory.
+static bool remove_crowded(repair *r, fan_edge *edges, size_t *removed) {
+    size_t count = 0;
+    *removed = 0;
     for (uint32_t h = 0; h < 3 * r->mesh->triangle_count; ++h) {
         if (r->alive[h / 3]) {
             const uint32_t a = r->triangles[h], b = r->triangles[h - h % 3 + (h + 1) % 3];
-            edges[count].key = a < b ? (uint64_t)a << 32 | b : (uint64_t)b << 32 | a;
-            edges[count++].half = h;
+            edges[count++] = (fan_edge){{a < b ? a : b, a < b ? b : a}, h};
         }
     }
-    qsort(edges, count, sizeof(*edges), compare_fan_edges);
+    if (!pci_sort_by_number(r->scratch->context, edges, count, sizeof(*edges),
+                            3 * r->mesh->triangle_count, compare_fan_edges)) {
+        return false;
+    }
     for (size_t i = 0; i < count;) {
         size_t end = i + 1;
-        while (end < count && edges[end].key == edges[i].key) {
+        while (end < count && edges[end].ends[0] == edges[i].ends[0] &&
+               edges[end].ends[1] == edges[i].ends[1]) {
             ++end;
         }
         const uint32_t first = edges[i].half;
         for (size_t j = i + 1; j < end; ++j) {
             if (r->glued[first] != edges[j].half && r->alive[edges[j].half / 3]) {
                 r->alive[edges[j].half / 3] = 0;
-                ++removed;
+                ++*removed;
             }
         }
         i = end;
     }
-    return removed;
+    return true;
 }
 
 // Writes the living triangles with a vertex per fan, in the order of the vertices' old indices.
@@ -302,16 +310,17 @@ bool pci_mesh_repair(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *k
         return false;
     }
     // A removal can free a better pairing, so everything else is decided anew.
+    size_t removed = 0;
     do {
         glue_edges(&r);
         if (!pci_keep_going(scratch->context) || !orient(&r) || !pci_keep_going(scratch->context)) {
             return false;
         }
         find_fans(&r);
-        if (!pci_keep_going(scratch->context)) {
+        if (!pci_keep_going(scratch->context) || !remove_crowded(&r, edges, &removed)) {
             return false;
         }
-    } while (remove_crowded(&r, edges) > 0);
+    } while (removed > 0);
     for (size_t t = 0; t < nf; ++t) {
         counts->removed_triangles += (keep == NULL || keep[t]) && !r.alive[t];
     }

@@ -305,6 +305,18 @@ static size_t fragment_of(const drawing *d, band *b, size_t first, uint32_t pixe
     return i;
 }
 
+// Whether all samples of a pixel, the first of which is `corner`, see the same.
+static bool is_plain(const pci_canvas *samples, size_t corner) {
+    const uint32_t *rows = &samples->triangles[corner], first = rows[0];
+    uint32_t differences = 0;
+    for (size_t row = 0; row < SAMPLES; ++row, rows += samples->width) {
+        for (size_t i = 0; i < SAMPLES; ++i) {
+            differences |= rows[i] ^ first;
+        }
+    }
+    return differences == 0;
+}
+
 static void look_through_pixel(const drawing *d, band *b, uint32_t column, uint32_t row) {
     // Light is taken where the first of them is, in the middle.
     static const uint8_t across[SAMPLES * SAMPLES] = {1, 0, 1, 2, 0, 2, 0, 1, 2};
@@ -313,6 +325,21 @@ static void look_through_pixel(const drawing *d, band *b, uint32_t column, uint3
     const double left = (double)(SAMPLES * column) + 0.5;
     const double top = (double)(b->samples.first_row + SAMPLES * row) + 0.5;
     const size_t pixel = row * d->size + column, first = b->points.count;
+    if (is_plain(&b->samples, corner)) {
+        const uint32_t triangle = b->samples.triangles[corner];
+        const bool empty = triangle == PC_INVALID_INDEX;
+        if (empty || d->style == PCI_STYLE_SURFACE) {
+            b->on_edges[pixel] = 0;
+            b->covered[pixel] = empty ? 0 : SAMPLES * SAMPLES;
+            if (!empty) {
+                const size_t middle = corner + down[0] * width + across[0];
+                add_fragment(d, b, (uint32_t)pixel, triangle, b->samples.depths[middle],
+                             left + (double)across[0], top + (double)down[0]);
+                b->fragments[first].samples = SAMPLES * SAMPLES;
+            }
+            return;
+        }
+    }
     uint32_t covered = 0, on_edges = 0, last = PC_INVALID_INDEX;
     size_t i = 0; // fragment of the last triangle
     for (size_t k = 0; k < SAMPLES * SAMPLES; ++k) {
@@ -340,12 +367,14 @@ static void look_through_pixel(const drawing *d, band *b, uint32_t column, uint3
 
 static void rasterize_band(const drawing *d, size_t index, band *b) {
     pci_canvas *samples = &b->samples;
+    const size_t columns = samples->right - samples->left;
     for (size_t row = 0; row < samples->row_count; ++row) {
-        for (size_t i = row * samples->width + samples->left;
-             i < row * samples->width + samples->right; ++i) {
-            samples->depths[i] = -INFINITY;
-            samples->triangles[i] = PC_INVALID_INDEX;
+        const size_t first = row * samples->width + samples->left;
+        float *depths = &samples->depths[first];
+        for (size_t i = 0; i < columns; ++i) {
+            depths[i] = -INFINITY;
         }
+        memset(&samples->triangles[first], 0xff, columns * sizeof(*samples->triangles));
     }
     const size_t begin = d->band_offsets[index], end = d->band_offsets[index + 1];
     d->renderer->dome.kernel->cover(samples, d->corners, d->model->mesh->triangles,
@@ -554,6 +583,16 @@ static void set_encoding(pci_renderer *renderer) {
         renderer->decoded[i] =
             (float)(value <= 0.04045 ? value / 12.92 : pow((value + 0.055) / 1.055, 2.4));
     }
+}
+
+static void whiten_rows(void *user, size_t begin, size_t end, uint32_t worker) {
+    const pci_image *image = user;
+    (void)worker;
+    memset(&image->pixels[3 * image->width * begin], 0xff, 3 * image->width * (end - begin));
+}
+
+void pci_image_whiten(pc_context *context, pci_image *image) {
+    pci_parallel_for(context, image->height, 64, whiten_rows, image);
 }
 
 bool pci_renderer_begin(pci_renderer *renderer, pc_context *context, pci_scratch *scratch,

@@ -13,6 +13,9 @@ typedef struct pci_image {
     uint8_t *pixels; // #height by #width by 3, sRGB
 } pci_image;
 
+// Makes all of it white, by all threads: most of the time goes into getting the memory.
+void pci_image_whiten(pc_context *context, pci_image *image);
+
 // A square part of an image.
 typedef struct pci_tile {
     size_t x, y, size;

@@ -1,7 +1,6 @@
 #include "core/topology.h"
 
-#include <stdlib.h>
-
+#include "core/sorting.h"
 #include "core/union_find.h"
 
 // Turns counts stored at [i + 1] into offsets.
@@ -532,7 +531,10 @@ bool pci_mark_duplicates(pci_scratch *scratch, const pc_mesh *mesh, uint8_t *dup
         triples[t].vertices[2] = high > v[2] ? high : v[2];
         triples[t].triangle = (uint32_t)t;
     }
-    qsort(triples, mesh->triangle_count, sizeof(*triples), compare_triples);
+    if (!pci_sort_by_number(scratch->context, triples, mesh->triangle_count, sizeof(*triples),
+                            mesh->vertex_count, compare_triples)) {
+        return false;
+    }
     for (size_t i = 1; i < mesh->triangle_count; ++i) {
         duplicate[triples[i].triangle] =
             memcmp(triples[i].vertices, triples[i - 1].vertices, sizeof(triples[i].vertices)) == 0;

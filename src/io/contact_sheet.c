@@ -344,7 +344,7 @@ pc_status pc_export_contact_sheet(pc_context *context, const pc_asset *asset,
         status = pci_fail_memory(context, stage);
         goto cleanup;
     }
-    memset(s.image.pixels, 0xff, 3 * s.image.width * s.image.height);
+    pci_image_whiten(context, &s.image);
     write_title(&s);
     if (!pci_renderer_begin(&s.renderer, context, &scratch, &s.image, s.tile) ||
         !pci_model_build(&s.renderer, &scratch, &asset->visual.surface, PCI_LOOK_SMOOTH, NULL,

@@ -183,7 +183,7 @@ pc_status pc_export_strip(pc_context *context, const pc_asset *asset,
         status = pci_fail_memory(context, stage);
         goto cleanup;
     }
-    memset(s.image.pixels, 0xff, 3 * s.image.width * s.image.height);
+    pci_image_whiten(context, &s.image);
     write_titles(&s);
     status = draw_turntable(&s);
     if (status == PC_OK) {

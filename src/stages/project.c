@@ -15,6 +15,8 @@ static const char stage[] = "project";
 // Of conjugate gradients. At 1e-2 the final energy is within .2 % of that of exact solutions.
 #define INNER_TOLERANCE  0.01
 #define INNER_ITERATIONS 200
+// Nearest points are searched with room for so many more steps like the last one.
+#define MARGIN_STEPS 3.0
 
 static const char *const projection_solver_choices[] = {"vector_adam", "cholesky",
                                                         "conjugate_gradients", NULL};
@@ -52,13 +54,15 @@ typedef struct problem {
     const pc_project_options *options;
     size_t count;
     double cell_size;
-    double *v;         // #V by 3
-    double *nearest;   // #V by 3, p of equation (1)
-    bool have_nearest; // from the last iteration
-    const double *x;   // #V by 3, argument of the two functions below
-    double *scaled;    // #V by 3, D^-1 L x with D the number of neighbours
-    double *product;   // #V by 3, (I + lambda L^T L) x
-    double *partial;   // per piece of GRAIN vertices, summed in order
+    double *v;                // #V by 3
+    double *nearest;          // #V by 3, p of equation (1)
+    bool have_nearest;        // from the last iteration
+    double *last;             // #V by 3, the vertices of the last iteration
+    pci_surroundings *around; // #V
+    const double *x;          // #V by 3, argument of the two functions below
+    double *scaled;           // #V by 3, D^-1 L x with D the number of neighbours
+    double *product;          // #V by 3, (I + lambda L^T L) x
+    double *partial;          // per piece of GRAIN vertices, summed in order
 } problem;
 
 static double sum_of_pieces(const problem *p) {
@@ -75,22 +79,24 @@ static double neighbour_count(const pci_topology *topology, size_t vertex) {
 
 // ---- energy -------------------------------------------------------------------------------------
 
-// p_i. Where p_i was is an upper bound for the new distance, which prunes the search.
+// p_i. Where p_i was is an upper bound for the new distance. Vertices move less and less.
 static void find_nearest(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const problem *p = user;
     for (size_t i = begin; i < end; ++i) {
         const double *v = &p->v[3 * i];
-        double *nearest = &p->nearest[3 * i];
+        double *nearest = &p->nearest[3 * i], *last = &p->last[3 * i];
         pci_closest closest = {.triangle = PC_INVALID_INDEX};
         if (p->have_nearest) {
-            const double bound = sqrt(pci_squared_distance(v, nearest));
-            closest = pci_bvh_closest(p->bvh, v, bound * (1.0 + 1e-6));
+            const double bound = sqrt(pci_squared_distance(v, nearest)) * (1.0 + 1e-6);
+            const double margin = MARGIN_STEPS * sqrt(pci_squared_distance(v, last));
+            closest = pci_bvh_closest_moving(p->bvh, v, bound, margin, &p->around[i]);
         }
         if (closest.triangle == PC_INVALID_INDEX) {
             closest = pci_bvh_closest(p->bvh, v, INFINITY);
         }
         memcpy(nearest, closest.point, sizeof(closest.point));
+        memcpy(last, v, sizeof(closest.point));
     }
 }
 
@@ -364,6 +370,8 @@ static pc_status run(problem *p, pci_scratch *scratch, const pc_mesh *isosurface
     pci_topology topology;
     p->count = isosurface->vertex_count;
     p->nearest = PCI_SCRATCH(scratch, double, 3 * p->count);
+    p->last = PCI_SCRATCH(scratch, double, 3 * p->count);
+    p->around = PCI_SCRATCH(scratch, pci_surroundings, p->count);
     p->scaled = PCI_SCRATCH(scratch, double, 3 * p->count);
     p->product = PCI_SCRATCH(scratch, double, 3 * p->count);
     p->partial = PCI_SCRATCH(scratch, double, p->count / GRAIN + 1);

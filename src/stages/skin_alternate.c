@@ -10,6 +10,7 @@ enum { SWEEPS = 3, SAMPLE_BLOCKS = 2 }; // sweeps per round, each there and back
 static const double sample_rounds = 0.75; // of the rounds at most
 // Along the last round's; it may have gone too far.
 static const double longest_step = 8.0, longest_step_back = 0.5;
+static const double followed_share = 0.5; // see skin_alternate.h
 
 typedef struct gram_job {
     const double *columns; // #rows by size
@@ -56,8 +57,26 @@ static void fill_rows(const pci_skin_frames *w, size_t frame, double *rows) {
     }
 }
 
+// Adds the noise to G: each bone shifts by as much as a share of the bones' own displacements.
+static void add_noise(const pci_skin_frames *w, double share, pci_skin_gram *gram) {
+    const pci_skin_problem *p = w->problem;
+    const size_t columns = w->data.columns, size = p->proxy_count * columns;
+    double sum = 0.0;
+    for (size_t b = 0; b < p->proxy_count; ++b) {
+        double point[PCI_SKIN_COLUMNS_MAX] = {1.0};
+        for (size_t c = 0; c < 3; ++c) {
+            point[1 + c] = w->unit * (p->proxy_rest[3 * b + c] - w->origin[c]);
+        }
+        sum += pci_skin_gram_product(gram->matrix, p->proxy_count, columns, b, b, point, point);
+    }
+    gram->noise = share * sum / (double)p->proxy_count;
+    for (size_t b = 0; b < size; b += columns) {
+        gram->matrix[b * size + b] += gram->noise;
+    }
+}
+
 // G of every so many blocks.
-static bool build_gram(pci_scratch *scratch, const pci_skin_frames *w, size_t stride,
+static bool build_gram(pci_scratch *scratch, const pci_skin_frames *w, size_t stride, double noise,
                        pci_skin_gram *gram) {
     const pci_skin_problem *p = w->problem;
     const size_t size = p->proxy_count * w->data.columns;
@@ -86,19 +105,21 @@ static bool build_gram(pci_scratch *scratch, const pci_skin_frames *w, size_t st
         }
         job.gram[b * size + b] *= gram->factor;
     }
+    add_noise(w, noise, gram);
     pci_scratch_end(&local);
     return true;
 }
 
 bool pci_skin_grams_build(pci_scratch *scratch, const pci_skin_problem *problem,
-                          const pci_skin_kernel *kernel, pci_skin_gram grams[PCI_SKIN_LEVELS]) {
+                          const pci_skin_kernel *kernel, double noise,
+                          pci_skin_gram grams[PCI_SKIN_LEVELS]) {
     pci_skin_frames w;
     pci_scratch local = pci_scratch_begin(scratch->context);
     pci_skin_frames_begin(scratch->context, problem, kernel, &w);
     w.frames = pci_skin_frames_in_sequence(&local, problem, &w.block_count);
     const size_t stride = (w.block_count + SAMPLE_BLOCKS - 1) / SAMPLE_BLOCKS;
-    const bool good = w.frames != NULL && build_gram(scratch, &w, 1, &grams[PCI_SKIN_ALL]) &&
-                      build_gram(scratch, &w, stride, &grams[PCI_SKIN_SAMPLE]);
+    const bool good = w.frames != NULL && build_gram(scratch, &w, 1, noise, &grams[PCI_SKIN_ALL]) &&
+                      build_gram(scratch, &w, stride, noise, &grams[PCI_SKIN_SAMPLE]);
     pci_scratch_end(&local);
     return good;
 }
@@ -110,9 +131,38 @@ typedef struct row_job {
     double factor;
 } row_job;
 
-// The gradient of the losses, and of L_f: 2 (G w - G b).
+// Adds `factor` times those of other weights that belong to numbered bones.
+static void add_numbered(const uint8_t *numbers, double factor, size_t count, const uint32_t *bones,
+                         const double *weights, double *row) {
+    for (size_t k = 0; k < count; ++k) {
+        if (numbers[bones[k]] > 0) {
+            row[numbers[bones[k]] - 1] += factor * weights[k];
+        }
+    }
+}
+
+// The gradient of the noise in all terms but L_f.
+static void resist_noise(const pci_skin_alternation *a, double noise, const double *weights,
+                         size_t v, uint8_t *numbers, double *gradient) {
+    const pci_skin_quadratic *q = &a->quadratic;
+    const size_t slots = q->slots, followed = a->followed->influences;
+    for (size_t k = 0; k < slots; ++k) {
+        numbers[q->bones[v * slots + k]] = (uint8_t)(k + 1);
+    }
+    for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
+        const size_t j = q->columns[e];
+        const double m = noise * ((double)q->values[e] - (j == v ? 2.0 * a->follow[v] : 0.0));
+        add_numbered(numbers, m, slots, &q->bones[j * slots], &weights[j * slots], gradient);
+        add_numbered(numbers, -followed_share * m, followed, &a->followed->bones[j * followed],
+                     &a->followed->weights[j * followed], gradient);
+    }
+    for (size_t k = 0; k < slots; ++k) {
+        numbers[q->bones[v * slots + k]] = 0;
+    }
+}
+
+// The gradient of the losses, of the noise, and of L_f: 2 (G w - G b).
 static void finish_gradient(void *user, size_t begin, size_t end, uint32_t worker) {
-    (void)worker;
     const row_job *job = user;
     pci_skin_alternation *a = job->a;
     const pci_skin_problem *p = a->frames.problem;
@@ -120,15 +170,19 @@ static void finish_gradient(void *user, size_t begin, size_t end, uint32_t worke
     for (size_t v = begin; v < end; ++v) {
         const uint32_t *bones = &p->bones[v * slots];
         const double *w = &job->weights[v * slots], *point = &a->frames.points[v * columns];
-        double *gradient = &a->gradient[v * slots];
+        double gradient[PCI_SKIN_SLOTS_MAX];
         pci_skin_frames_row(&a->frames, v, gradient);
+        if (a->grams[job->level].noise > 0.0) {
+            resist_noise(a, a->grams[job->level].noise, job->weights, v,
+                         &a->numbers[worker * p->proxy_count], gradient);
+        }
         for (size_t k = 0; k < slots; ++k) {
-            double sum = -a->targets[job->level][v * slots + k];
+            double sum = -(double)a->targets[job->level][v * slots + k];
             for (size_t l = 0; l < slots; ++l) {
                 sum += w[l] * pci_skin_gram_product(a->grams[job->level].matrix, p->proxy_count,
                                                     columns, bones[k], bones[l], point, point);
             }
-            gradient[k] += 2.0 * a->follow[v] * sum;
+            a->gradient[v * slots + k] = (float)(gradient[k] + 2.0 * a->follow[v] * sum);
         }
     }
 }
@@ -154,7 +208,7 @@ static void add_measures(const pci_skin_alternation *a, size_t level, pci_skin_m
 static bool find_gradient(pci_skin_alternation *a, size_t level, double *weights,
                           pci_skin_measures *measures) {
     pci_skin_frames *w = &a->frames;
-    double *last = a->last_gradient;
+    float *last = a->last_gradient;
     a->last_gradient = a->gradient;
     a->gradient = last;
     use_level(a, level);
@@ -174,13 +228,13 @@ static bool find_gradient(pci_skin_alternation *a, size_t level, double *weights
 
 // How far to go on along the last round's step: to where the gradient would have no part along it,
 // were it to change on as it has over that step.
-static double step_length(const pci_skin_alternation *a, const double *weights) {
+static double step_length(const pci_skin_alternation *a) {
     const size_t count = a->frames.problem->vertex_count * a->frames.problem->slots;
     double slope = 0.0, curvature = 0.0;
     for (size_t k = 0; k < count; ++k) {
-        const double step = weights[k] - a->before[k];
-        slope += a->gradient[k] * step;
-        curvature += (a->gradient[k] - a->last_gradient[k]) * step;
+        const double step = (double)a->moved[k], gradient = (double)a->gradient[k];
+        slope += gradient * step;
+        curvature += (gradient - (double)a->last_gradient[k]) * step;
     }
     const double length = curvature > 0.0 ? -slope / curvature : 0.0;
     return length > longest_step         ? longest_step
@@ -188,22 +242,23 @@ static double step_length(const pci_skin_alternation *a, const double *weights) 
                                          : length;
 }
 
-// W + factor (W - before), brought back to the simplex; `before` becomes W.
+// W + factor times what has moved, brought back to the simplex; that has moved then.
 static void extrapolate(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const row_job *job = user;
     const size_t slots = job->a->frames.problem->slots;
     for (size_t v = begin; v < end; ++v) {
-        double sum = 0.0;
-        for (size_t k = v * slots; k < (v + 1) * slots; ++k) {
-            const double now = job->weights[k];
-            const double w = now + job->factor * (now - job->a->before[k]);
-            job->a->before[k] = now;
-            job->weights[k] = w > 0.0 ? w : 0.0;
-            sum += job->weights[k];
+        float *moved = &job->a->moved[v * slots];
+        double *weights = &job->weights[v * slots], row[PCI_SKIN_SLOTS_MAX], sum = 0.0;
+        for (size_t k = 0; k < slots; ++k) {
+            const double w = weights[k] + job->factor * (double)moved[k];
+            row[k] = w > 0.0 ? w : 0.0;
+            sum += row[k];
         }
-        for (size_t k = v * slots; k < (v + 1) * slots; ++k) {
-            job->weights[k] /= sum;
+        for (size_t k = 0; k < slots; ++k) {
+            const double w = job->factor != 0.0 ? row[k] / sum : weights[k];
+            moved[k] = (float)(w - weights[k]);
+            weights[k] = w;
         }
     }
 }
@@ -214,11 +269,13 @@ bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *pr
                                 pci_skin_alternation *a) {
     const size_t nv = problem->vertex_count, count = nv * problem->slots;
     memset(a, 0, sizeof(*a));
-    a->gradient = PCI_SCRATCH(scratch, double, count);
-    a->before = PCI_SCRATCH(scratch, double, count);
-    a->last_gradient = PCI_SCRATCH(scratch, double, count);
+    a->gradient = PCI_SCRATCH(scratch, float, count);
+    a->last_gradient = PCI_SCRATCH(scratch, float, count);
+    a->moved = PCI_SCRATCH(scratch, float, count);
     a->follow = PCI_SCRATCH(scratch, double, nv);
     a->allowed = PCI_SCRATCH(scratch, uint32_t, nv);
+    a->numbers =
+        PCI_SCRATCH(scratch, uint8_t, problem->proxy_count * pc_context_threads(scratch->context));
     if (scratch->failed ||
         !pci_skin_frames_build_sequential(scratch, problem, kernel, &a->frames)) {
         return false;
@@ -227,7 +284,7 @@ bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *pr
     a->sums = PCI_SCRATCH(scratch, pci_skin_sums, a->frames.patch_count * a->frames.block_count);
     for (size_t level = 0; level < PCI_SKIN_LEVELS; ++level) {
         a->grams[level] = grams[level];
-        a->targets[level] = PCI_SCRATCH(scratch, double, count);
+        a->targets[level] = PCI_SCRATCH(scratch, float, count);
     }
     return !scratch->failed;
 }
@@ -235,6 +292,7 @@ bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *pr
 void pci_skin_alternation_follow(pci_skin_alternation *a, const pc_mesh *proxy,
                                  const pc_skin *followed) {
     const pci_skin_problem *p = a->frames.problem;
+    a->followed = followed;
     double squares = 0.0;
     for (size_t k = 0; k < 3 * proxy->triangle_count; ++k) {
         const size_t i = proxy->triangles[k];
@@ -246,15 +304,16 @@ void pci_skin_alternation_follow(pci_skin_alternation *a, const pc_mesh *proxy,
     for (size_t i = 0; i < PCI_SKIN_LEVELS * p->vertex_count; ++i) {
         const size_t v = i % p->vertex_count;
         const double *gram = a->grams[i / p->vertex_count].matrix;
-        double *targets = a->targets[i / p->vertex_count];
+        float *targets = a->targets[i / p->vertex_count];
         const double *point = &a->frames.points[v * columns];
         for (size_t k = v * p->slots; k < (v + 1) * p->slots; ++k) {
-            targets[k] = 0.0;
+            double sum = 0.0;
             for (size_t l = v * slots; l < (v + 1) * slots; ++l) {
-                targets[k] += followed->weights[l] *
-                              pci_skin_gram_product(gram, p->proxy_count, columns, p->bones[k],
-                                                    followed->bones[l], point, point);
+                sum += followed->weights[l] * pci_skin_gram_product(gram, p->proxy_count, columns,
+                                                                    p->bones[k], followed->bones[l],
+                                                                    point, point);
             }
+            targets[k] = (float)sum;
         }
     }
 }
@@ -298,16 +357,15 @@ pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, dou
             !find_gradient(a, sampled ? PCI_SKIN_SAMPLE : PCI_SKIN_ALL, weights, NULL)) {
             return pci_fail_cancelled(context, stage);
         }
-        job.factor = same_frames ? step_length(a, weights) : 0.0;
+        job.factor = same_frames ? step_length(a) : 0.0;
         pci_parallel_for(context, nv, 256, extrapolate, &job);
         for (uint32_t sweep = 0; sweep < SWEEPS; ++sweep) {
-            pci_skin_quadratic_sweep(&a->quadratic, a->before, a->gradient, sweep % 2 == 1,
-                                     weights);
+            pci_skin_quadratic_sweep(&a->quadratic, a->gradient, sweep % 2 == 1, a->moved, weights);
         }
         // A quadratic function falls by half of what the gradient says on the way to its minimum.
         double fall = 0.0;
         for (size_t k = 0; k < count; ++k) {
-            fall += 0.5 * a->gradient[k] * (a->before[k] - weights[k]);
+            fall -= 0.5 * (double)a->gradient[k] * (double)a->moved[k];
         }
         lowered += fall;
         same_frames = true;
@@ -324,11 +382,11 @@ pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, dou
 pc_status pci_skin_alternation_prune(pci_skin_alternation *a, uint32_t kept, double *weights,
                                      pci_skin_measures *measures) {
     const pci_skin_problem *p = a->frames.problem;
-    memcpy(a->before, weights, p->vertex_count * p->slots * sizeof(*weights));
+    memset(a->moved, 0, p->vertex_count * p->slots * sizeof(*a->moved));
     if (!find_gradient(a, PCI_SKIN_SAMPLE, weights, measures)) {
         return pci_fail_cancelled(a->frames.context, stage);
     }
-    pci_skin_quadratic_prune(&a->quadratic, a->before, a->gradient, kept, a->allowed, weights);
+    pci_skin_quadratic_prune(&a->quadratic, a->gradient, kept, a->allowed, a->moved, weights);
     return PC_OK;
 }
 
@@ -360,7 +418,7 @@ void pci_skin_alternation_compact(pci_skin_alternation *a, uint32_t kept, uint32
     const size_t nv = a->frames.problem->vertex_count;
     const uint32_t slots = a->frames.problem->slots;
     for (size_t v = 0; v < nv; ++v) {
-        uint32_t chosen[PCI_SKIN_SLOTS_MAX];
+        uint32_t chosen[PCI_SKIN_SLOTS_MAX] = {0};
         double sum = 0.0;
         choose_slots(a->allowed[v], &weights[v * slots], slots, kept, chosen);
         for (uint32_t k = 0; k < kept; ++k) {
@@ -377,7 +435,7 @@ void pci_skin_alternation_compact(pci_skin_alternation *a, uint32_t kept, uint32
                 weights[v * kept + k] /= sum;
             }
         } else {
-            a->allowed[v] = 0xffffffffU >> (32 - kept);
+            a->allowed[v] = (uint32_t)(((uint64_t)1 << kept) - 1);
         }
     }
     a->frames.data.slots = a->quadratic.slots = kept;

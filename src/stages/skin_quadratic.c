@@ -73,6 +73,9 @@ static void build_row(const pci_skin_problem *p, const incoming_lists *in, const
     for (size_t e = p->ring_offsets[i]; e < p->ring_offsets[i + 1]; ++e) {
         add_spring(b, i, p->ring[e], 2.0 * ring * pci_skin_stiffness(p, i, p->ring[e]));
     }
+    if (k == 0) {
+        return;
+    }
     for (size_t e = k * i; e < k * i + k; ++e) {
         const uint32_t j = p->near[e];
         add_spring(b, i, j, scale[1] * pci_skin_stiffness(p, i, j) + scale[2] * p->near_weights[e]);
@@ -287,7 +290,8 @@ bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *prob
 
 typedef struct sweep_job {
     const pci_skin_quadratic *q;
-    const double *reference, *gradient;
+    const float *gradient;
+    float *moved; // w - w0
     double *weights;
     const uint32_t *groups; // of the running colour
     bool backward;
@@ -339,10 +343,10 @@ static void number_group(const sweep_job *job, size_t first, size_t last, pci_sk
     for (uint32_t row = 0; row < g->row_count; ++row) {
         const size_t begin = q->slots * (size_t)g->vertices[row];
         for (size_t slot = begin; slot < begin + q->slots; ++slot) {
-            const double step = job->weights[slot] - job->reference[slot];
-            if (step != 0.0) {
+            const float step = job->moved[slot];
+            if (step != 0.0f) {
                 number_bone(g, q->bones[slot]);
-                const pci_skin_move move = {row, g->bone_numbers[q->bones[slot]] - 1, (float)step};
+                const pci_skin_move move = {row, g->bone_numbers[q->bones[slot]] - 1, step};
                 g->moves[g->move_count++] = move;
             }
         }
@@ -437,7 +441,7 @@ static inline __attribute__((always_inline)) void fill_row(const sweep_job *job,
         for (size_t k = 1; k < width; ++k) {
             sum += x[k] * (double)products[width * i + k];
         }
-        r->gradient[i] = job->gradient[v * q->slots + r->slots[i]] + sum;
+        r->gradient[i] = (double)job->gradient[v * q->slots + r->slots[i]] + sum;
         for (uint32_t j = 0; j <= i; ++j) {
             const double product = pci_skin_gram_product(g->own_gram, g->own_bone_count, width,
                                                          places[i], places[j], x, x);
@@ -489,15 +493,17 @@ static void drop_slot(row_program *r, uint32_t out) {
     r->count = n - 1;
 }
 
-// Takes what a slot has over its reference.
+// Gives a slot another weight.
 static void move_slot(const sweep_job *job, size_t row, uint32_t slot, double weight,
                       pci_skin_group *g) {
     const pci_skin_quadratic *q = job->q;
     const size_t v = g->vertices[row], at = v * q->slots + slot, width = q->width;
     float *moved = &g->moved[row * g->stride + width * g->places[row * q->slots + slot]];
+    const double step = (double)job->moved[at] + (weight - job->weights[at]);
     job->weights[at] = weight;
+    job->moved[at] = (float)step;
     for (size_t k = 0; k < width; ++k) {
-        moved[k] = (float)((weight - job->reference[at]) * q->points[v * width + k]);
+        moved[k] = (float)(step * q->points[v * width + k]);
     }
 }
 
@@ -558,22 +564,18 @@ static void run_sweep(sweep_job *job) {
     }
 }
 
-void pci_skin_quadratic_sweep(const pci_skin_quadratic *q, const double *reference,
-                              const double *gradient, bool backward, double *weights) {
-    sweep_job job = {.q = q,
-                     .reference = reference,
-                     .gradient = gradient,
-                     .weights = weights,
-                     .backward = backward};
+void pci_skin_quadratic_sweep(const pci_skin_quadratic *q, const float *gradient, bool backward,
+                              float *moved, double *weights) {
+    sweep_job job = {
+        .q = q, .gradient = gradient, .moved = moved, .weights = weights, .backward = backward};
     run_sweep(&job);
 }
 
-void pci_skin_quadratic_prune(const pci_skin_quadratic *q, const double *reference,
-                              const double *gradient, uint32_t kept, uint32_t *allowed,
-                              double *weights) {
+void pci_skin_quadratic_prune(const pci_skin_quadratic *q, const float *gradient, uint32_t kept,
+                              uint32_t *allowed, float *moved, double *weights) {
     sweep_job job = {.q = q,
-                     .reference = reference,
                      .gradient = gradient,
+                     .moved = moved,
                      .weights = weights,
                      .kept = kept,
                      .allowed = allowed};

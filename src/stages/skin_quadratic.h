@@ -77,16 +77,16 @@ bool pci_skin_quadratic_weigh(pci_scratch *scratch, const pci_skin_problem *prob
 
 // Gauss-Seidel over the groups, each swept there and back: every vertex is minimised exactly over
 // the simplex, twice.
-// @param[in]     reference, gradient  W0 and g0.
-// @param[in,out] weights              W.
-void pci_skin_quadratic_sweep(const pci_skin_quadratic *quadratic, const double *reference,
-                              const double *gradient, bool backward, double *weights);
+// @param[in]     gradient  #V by slots: g0.
+// @param[in,out] moved     #V by slots: W - W0.
+// @param[in,out] weights   #V by slots: W.
+void pci_skin_quadratic_sweep(const pci_skin_quadratic *quadratic, const float *gradient,
+                              bool backward, float *moved, double *weights);
 
 // A sweep that takes slots away until each row has `kept`: the one whose loss costs least while the
 // other slots of the row adapt, by the second derivatives (Hassibi, Stork, "Optimal brain surgeon",
 // 1993). Clears their bits in `allowed`, which is the array of the quadratic.
-void pci_skin_quadratic_prune(const pci_skin_quadratic *quadratic, const double *reference,
-                              const double *gradient, uint32_t kept, uint32_t *allowed,
-                              double *weights);
+void pci_skin_quadratic_prune(const pci_skin_quadratic *quadratic, const float *gradient,
+                              uint32_t kept, uint32_t *allowed, float *moved, double *weights);
 
 #endif

@@ -174,6 +174,38 @@ static void closest_equals_brute_force(void **state) {
     pc_context_destroy(context);
 }
 
+// A walk with shorter and shorter steps finds what searches from scratch find, ties included.
+static void moving_points_find_the_same(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh soup = random_soup(context, 300, 21, 1.0, 0.0);
+    pci_bvh *bvh = NULL;
+    assert_int_equal(pci_bvh_create(context, "test", &soup, &bvh), PC_OK);
+    for (size_t walk = 0; walk < 200; ++walk) {
+        pci_surroundings around = {0};
+        double point[3], bound = INFINITY, margin = 0.1;
+        for (size_t k = 0; k < 3; ++k) {
+            point[k] = pci_random(22, walk, k);
+        }
+        for (size_t step = 0; step < 40; ++step) {
+            const pci_closest moving =
+                pci_bvh_closest_moving(bvh, point, bound, 3.0 * margin, &around);
+            const pci_closest closest = pci_bvh_closest(bvh, point, INFINITY);
+            assert_int_equal(moving.triangle, closest.triangle);
+            assert_memory_equal(moving.point, closest.point, sizeof(closest.point));
+            assert_memory_equal(&moving.distance, &closest.distance, sizeof(double));
+            margin *= 0.8;
+            for (size_t k = 0; k < 3; ++k) {
+                point[k] += margin * (pci_random(23, 100 * walk + step, k) - 0.5);
+            }
+            bound = sqrt(pci_squared_distance(point, closest.point)) * (1.0 + 1e-6);
+        }
+    }
+    pci_bvh_destroy(context, bvh);
+    pc_mesh_free(context, &soup);
+    pc_context_destroy(context);
+}
+
 static void closest_survives_strange_points(void **state) {
     (void)state;
     pc_context *context = test_context(1);
@@ -586,6 +618,7 @@ int main(void) {
         cmocka_unit_test(triangle_distance_knows_its_regions),
         cmocka_unit_test(triangle_distance_is_the_minimum),
         cmocka_unit_test(closest_equals_brute_force),
+        cmocka_unit_test(moving_points_find_the_same),
         cmocka_unit_test(closest_survives_strange_points),
         cmocka_unit_test(cast_equals_reference),
         cmocka_unit_test(no_ray_slips_out_of_a_closed_mesh),

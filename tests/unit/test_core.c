@@ -1,6 +1,8 @@
 #define _POSIX_C_SOURCE 200809L
+#include <stdlib.h>
 #include <time.h>
 
+#include "core/sorting.h"
 #include "support/test.h"
 
 static void mark_pieces(void *user, size_t begin, size_t end, uint32_t worker) {
@@ -133,6 +135,41 @@ static void option_text_is_checked(void **state) {
     pc_context_destroy(context);
 }
 
+typedef struct numbered {
+    uint32_t number, second, third;
+} numbered;
+
+static int compare_numbered(const void *left, const void *right) {
+    const numbered *a = left, *b = right;
+    return a->number != b->number   ? (a->number > b->number) - (a->number < b->number)
+           : a->second != b->second ? (a->second > b->second) - (a->second < b->second)
+                                    : (a->third > b->third) - (a->third < b->third);
+}
+
+// Few and many records per number, numbers that do not occur, and nothing at all.
+static void sorting_by_number_equals_qsort(void **state) {
+    (void)state;
+    enum { most = 3000 };
+    static numbered records[most], expected[most];
+    static const struct {
+        size_t count, bound;
+    } cases[] = {{0, 5}, {1, 1}, {most, 1}, {most, 40}, {most, 1000}, {most, 100000}};
+    pc_context *context = test_context(1);
+    for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); ++i) {
+        const size_t count = cases[i].count, bound = cases[i].bound;
+        for (size_t k = 0; k < count; ++k) {
+            records[k] = (numbered){(uint32_t)(pci_random(31, i, k) * (double)bound),
+                                    (uint32_t)(pci_random(32, i, k) * 10.0), (uint32_t)k};
+        }
+        memcpy(expected, records, sizeof(records));
+        qsort(expected, count, sizeof(*expected), compare_numbered);
+        assert_true(
+            pci_sort_by_number(context, records, count, sizeof(*records), bound, compare_numbered));
+        assert_memory_equal(records, expected, sizeof(records));
+    }
+    pc_context_destroy(context);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(parallel_for_visits_every_element_once),
@@ -140,6 +177,7 @@ int main(void) {
         cmocka_unit_test(every_field_is_described),
         cmocka_unit_test(options_have_valid_defaults),
         cmocka_unit_test(option_text_is_checked),
+        cmocka_unit_test(sorting_by_number_equals_qsort),
     };
     return cmocka_run_group_tests_name("core", tests, NULL, NULL);
 }

@@ -32,6 +32,13 @@
 /// - Edges count alike whatever their length (`equal_edges`): L_r, L_c and L_s give each edge the
 ///   stiffness l^2 / |e|^2, l^2 the mean square. As printed, small triangles cost nothing and
 ///   fold, and buttons stretch. The report gives the losses as printed.
+/// - What the frames do not show costs nothing, and weights that suit these frames alone fold and
+///   cross in others. So each proxy vertex also moves by noise of its own, of variance
+///   `motion_noise` times the mean square of the displacements: G + s I in place of their Gram
+///   matrix G, as a covariance is shrunk (Ledoit, Wolf, "A well-conditioned estimator for
+///   large-dimensional covariance matrices", 2004). The rotations do not see it, and it takes no
+///   pass over the frames. It acts on the weights less half of the heat-smoothed ones, lest they
+///   become too smooth.
 /// - The weights start from the heat-smoothed ones.
 /// DEVIATION: the candidates of a vertex are the corners of the closest proxy triangle, with the
 /// default solver what its heat-smoothed weights follow, and then the nearest proxy vertices: the
@@ -48,11 +55,11 @@
 /// slots are taken away or the last ones (AdamW: after each of its three phases but the last).
 ///
 /// The default solver finds what varies slowly on about a fifth of the vertices, which stand for
-/// all (and so on, down to some hundred); then few rounds do on all. Most rounds see a sample of the
-/// frames, about 32 of them evenly spread, the last ones all.
+/// all (and so on, down to some hundred); then few rounds do on all. Most rounds see a sample of
+/// the frames, about 32 of them evenly spread, the last ones all.
 ///
-/// Time: about 20 ns per vertex, frame seen and round or epoch on one core, in float, and 3 us per
-/// vertex and round. Memory: about 1.9 kB per vertex, 12 B per proxy vertex and frame, and 16 B per
+/// Time: about 25 ns per vertex, frame seen and round or epoch on one core, in float, and 2.5 us per
+/// vertex and round. Memory: about 1.4 kB per vertex, 12 B per proxy vertex and frame, and 16 B per
 /// pair of proxy vertices. With rotations the last two are 4 and 16 times as much.
 ///
 /// Postconditions: weights >= 0, each row sums to 1 within 1e-12, rows sorted by falling weight.
@@ -115,6 +122,7 @@ typedef struct pc_skin_options {
     double lambda_follow;     ///< lambda_f, PC_SKIN_ALTERNATE
     double lambda_stretch;    ///< lambda_s, PC_SKIN_ALTERNATE
     double least_motion;      ///< share of the proxy's motion, PC_SKIN_ALTERNATE
+    double motion_noise;      ///< variance over that of the motion, PC_SKIN_ALTERNATE
     bool equal_edges;         ///< edges count alike whatever their length, PC_SKIN_ALTERNATE
     uint32_t rounds;          ///< passes over frames at most, PC_SKIN_ALTERNATE
     double round_gain;        ///< a round gains at least this share, PC_SKIN_ALTERNATE

@@ -23,7 +23,8 @@ static const pc_field option_fields[] = {
     PCI_FIELD_OPTION_OR(
         pc_skin_options, candidates, UINT, 0, 1, 32, "", "auto",
         "k_B: proxy vertices considered per visual vertex, corners of the closest triangle "
-        "first, then heat-smoothed weights (alternate), then the nearest; at least K, auto: 2 K"),
+        "first, then heat-smoothed weights (alternate), then the nearest; at least K, auto: 2 K "
+        "but at most 32"),
     PCI_FIELD_OPTION(pc_skin_options, neighbours, UINT, 8, 1, 32, "",
                      "k_K: spatial neighbours of L_c and L_a"),
     PCI_FIELD_OPTION(pc_skin_options, lambda_rigid, DOUBLE, 1.0, 0.0, 1000000.0, "",
@@ -40,6 +41,9 @@ static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_skin_options, least_motion, DOUBLE, 0.972, 0.0, 1.0, "",
                      "While the garment moves less than this share of the proxy's motion, "
                      "lambda_follow is raised; alternate only"),
+    PCI_FIELD_OPTION(pc_skin_options, motion_noise, DOUBLE, 0.003, 0.0, 1.0, "",
+                     "Variance of a noise in the motion of the proxy's vertices, over that of the "
+                     "motion itself, against weights that suit these frames only; alternate only"),
     PCI_FIELD_OPTION(pc_skin_options, equal_edges, BOOL, 1, 0, 1, "",
                      "Edges count alike in L_r, L_c and L_s, not by their squared length as in the "
                      "paper; alternate only"),
@@ -199,7 +203,9 @@ static bool allocate_skin(pc_context *context, size_t vertex_count, uint32_t inf
 static pc_status prepare(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *proxy,
                          const pc_motion *motion, pci_skin_fit *f) {
     const pc_skin_options *o = f->options;
-    const uint32_t asked = o->candidates != 0 ? o->candidates : 2 * o->influences;
+    const uint32_t twice =
+        2 * o->influences < PCI_SKIN_CANDIDATES_MAX ? 2 * o->influences : PCI_SKIN_CANDIDATES_MAX;
+    const uint32_t asked = o->candidates != 0 ? o->candidates : twice;
     const uint32_t wanted = asked > o->influences ? asked : o->influences;
     const uint32_t slots = wanted < proxy->vertex_count ? wanted : (uint32_t)proxy->vertex_count;
     const size_t nv = surface->vertex_count;

@@ -10,6 +10,7 @@ enum { SWEEPS = 3, SAMPLE_BLOCKS = 2 }; // sweeps per round, each there and back
 static const double sample_rounds = 0.75; // of the rounds at most
 // Along the last round's; it may have gone too far.
 static const double longest_step = 8.0, longest_step_back = 0.5;
+static const double followed_share = 0.5; // see skin_alternate.h
 
 typedef struct gram_job {
     const double *columns; // #rows by size
@@ -56,8 +57,26 @@ static void fill_rows(const pci_skin_frames *w, size_t frame, double *rows) {
     }
 }
 
+// Adds the noise to G: each bone shifts by as much as a share of the bones' own displacements.
+static void add_noise(const pci_skin_frames *w, double share, pci_skin_gram *gram) {
+    const pci_skin_problem *p = w->problem;
+    const size_t columns = w->data.columns, size = p->proxy_count * columns;
+    double sum = 0.0;
+    for (size_t b = 0; b < p->proxy_count; ++b) {
+        double point[PCI_SKIN_COLUMNS_MAX] = {1.0};
+        for (size_t c = 0; c < 3; ++c) {
+            point[1 + c] = w->unit * (p->proxy_rest[3 * b + c] - w->origin[c]);
+        }
+        sum += pci_skin_gram_product(gram->matrix, p->proxy_count, columns, b, b, point, point);
+    }
+    gram->noise = share * sum / (double)p->proxy_count;
+    for (size_t b = 0; b < size; b += columns) {
+        gram->matrix[b * size + b] += gram->noise;
+    }
+}
+
 // G of every so many blocks.
-static bool build_gram(pci_scratch *scratch, const pci_skin_frames *w, size_t stride,
+static bool build_gram(pci_scratch *scratch, const pci_skin_frames *w, size_t stride, double noise,
                        pci_skin_gram *gram) {
     const pci_skin_problem *p = w->problem;
     const size_t size = p->proxy_count * w->data.columns;
@@ -86,19 +105,21 @@ static bool build_gram(pci_scratch *scratch, const pci_skin_frames *w, size_t st
         }
         job.gram[b * size + b] *= gram->factor;
     }
+    add_noise(w, noise, gram);
     pci_scratch_end(&local);
     return true;
 }
 
 bool pci_skin_grams_build(pci_scratch *scratch, const pci_skin_problem *problem,
-                          const pci_skin_kernel *kernel, pci_skin_gram grams[PCI_SKIN_LEVELS]) {
+                          const pci_skin_kernel *kernel, double noise,
+                          pci_skin_gram grams[PCI_SKIN_LEVELS]) {
     pci_skin_frames w;
     pci_scratch local = pci_scratch_begin(scratch->context);
     pci_skin_frames_begin(scratch->context, problem, kernel, &w);
     w.frames = pci_skin_frames_in_sequence(&local, problem, &w.block_count);
     const size_t stride = (w.block_count + SAMPLE_BLOCKS - 1) / SAMPLE_BLOCKS;
-    const bool good = w.frames != NULL && build_gram(scratch, &w, 1, &grams[PCI_SKIN_ALL]) &&
-                      build_gram(scratch, &w, stride, &grams[PCI_SKIN_SAMPLE]);
+    const bool good = w.frames != NULL && build_gram(scratch, &w, 1, noise, &grams[PCI_SKIN_ALL]) &&
+                      build_gram(scratch, &w, stride, noise, &grams[PCI_SKIN_SAMPLE]);
     pci_scratch_end(&local);
     return good;
 }
@@ -110,9 +131,38 @@ typedef struct row_job {
     double factor;
 } row_job;
 
-// The gradient of the losses, and of L_f: 2 (G w - G b).
+// Adds `factor` times those of other weights that belong to numbered bones.
+static void add_numbered(const uint8_t *numbers, double factor, size_t count, const uint32_t *bones,
+                         const double *weights, double *row) {
+    for (size_t k = 0; k < count; ++k) {
+        if (numbers[bones[k]] > 0) {
+            row[numbers[bones[k]] - 1] += factor * weights[k];
+        }
+    }
+}
+
+// The gradient of the noise in all terms but L_f.
+static void resist_noise(const pci_skin_alternation *a, double noise, const double *weights,
+                         size_t v, uint8_t *numbers, double *gradient) {
+    const pci_skin_quadratic *q = &a->quadratic;
+    const size_t slots = q->slots, followed = a->followed->influences;
+    for (size_t k = 0; k < slots; ++k) {
+        numbers[q->bones[v * slots + k]] = (uint8_t)(k + 1);
+    }
+    for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
+        const size_t j = q->columns[e];
+        const double m = noise * ((double)q->values[e] - (j == v ? 2.0 * a->follow[v] : 0.0));
+        add_numbered(numbers, m, slots, &q->bones[j * slots], &weights[j * slots], gradient);
+        add_numbered(numbers, -followed_share * m, followed, &a->followed->bones[j * followed],
+                     &a->followed->weights[j * followed], gradient);
+    }
+    for (size_t k = 0; k < slots; ++k) {
+        numbers[q->bones[v * slots + k]] = 0;
+    }
+}
+
+// The gradient of the losses, of the noise, and of L_f: 2 (G w - G b).
 static void finish_gradient(void *user, size_t begin, size_t end, uint32_t worker) {
-    (void)worker;
     const row_job *job = user;
     pci_skin_alternation *a = job->a;
     const pci_skin_problem *p = a->frames.problem;
@@ -122,6 +172,10 @@ static void finish_gradient(void *user, size_t begin, size_t end, uint32_t worke
         const double *w = &job->weights[v * slots], *point = &a->frames.points[v * columns];
         double gradient[PCI_SKIN_SLOTS_MAX];
         pci_skin_frames_row(&a->frames, v, gradient);
+        if (a->grams[job->level].noise > 0.0) {
+            resist_noise(a, a->grams[job->level].noise, job->weights, v,
+                         &a->numbers[worker * p->proxy_count], gradient);
+        }
         for (size_t k = 0; k < slots; ++k) {
             double sum = -(double)a->targets[job->level][v * slots + k];
             for (size_t l = 0; l < slots; ++l) {
@@ -220,6 +274,8 @@ bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *pr
     a->moved = PCI_SCRATCH(scratch, float, count);
     a->follow = PCI_SCRATCH(scratch, double, nv);
     a->allowed = PCI_SCRATCH(scratch, uint32_t, nv);
+    a->numbers =
+        PCI_SCRATCH(scratch, uint8_t, problem->proxy_count * pc_context_threads(scratch->context));
     if (scratch->failed ||
         !pci_skin_frames_build_sequential(scratch, problem, kernel, &a->frames)) {
         return false;
@@ -236,6 +292,7 @@ bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *pr
 void pci_skin_alternation_follow(pci_skin_alternation *a, const pc_mesh *proxy,
                                  const pc_skin *followed) {
     const pci_skin_problem *p = a->frames.problem;
+    a->followed = followed;
     double squares = 0.0;
     for (size_t k = 0; k < 3 * proxy->triangle_count; ++k) {
         const size_t i = proxy->triangles[k];
@@ -361,7 +418,7 @@ void pci_skin_alternation_compact(pci_skin_alternation *a, uint32_t kept, uint32
     const size_t nv = a->frames.problem->vertex_count;
     const uint32_t slots = a->frames.problem->slots;
     for (size_t v = 0; v < nv; ++v) {
-        uint32_t chosen[PCI_SKIN_SLOTS_MAX];
+        uint32_t chosen[PCI_SKIN_SLOTS_MAX] = {0};
         double sum = 0.0;
         choose_slots(a->allowed[v], &weights[v * slots], slots, kept, chosen);
         for (uint32_t k = 0; k < kept; ++k) {
@@ -378,7 +435,7 @@ void pci_skin_alternation_compact(pci_skin_alternation *a, uint32_t kept, uint32
                 weights[v * kept + k] /= sum;
             }
         } else {
-            a->allowed[v] = 0xffffffffU >> (32 - kept);
+            a->allowed[v] = (uint32_t)(((uint64_t)1 << kept) - 1);
         }
     }
     a->frames.data.slots = a->quadratic.slots = kept;

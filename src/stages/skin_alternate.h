@@ -3,7 +3,10 @@
 //
 // L_f of skin.h: with u*_i = sum_c b_ic d_c of given weights b_i,
 //   sum_t |u_i - u*_i|^2 = w^T G w - 2 w^T G b + b^T G b,
-// which needs no pass over the frames.
+// which needs no pass over the frames. Nor does the noise of variance s: independent motions of the
+// bones add s I to G and, with the rotations as they are,
+//   s / 2 sum_ij M_ij <w_i - b_i / 2, w_j - b_j / 2>
+// to the energy, M of skin_quadratic.h without L_f.
 #ifndef PCI_SKIN_ALTERNATE_H
 #define PCI_SKIN_ALTERNATE_H
 
@@ -19,11 +22,13 @@ typedef struct pci_skin_gram {
     size_t stride;  // of the blocks
     double factor;  // all frames over those of the sample
     double *matrix; // of the sample, times the factor; see pci_skin_quadratic
+    double noise;   // in the matrix, on the diagonal
 } pci_skin_gram;
 
-// False: out of memory.
+// `noise`: variance over the mean variance of the proxy's vertices. False: out of memory.
 bool pci_skin_grams_build(pci_scratch *scratch, const pci_skin_problem *problem,
-                          const pci_skin_kernel *kernel, pci_skin_gram grams[PCI_SKIN_LEVELS]);
+                          const pci_skin_kernel *kernel, double noise,
+                          pci_skin_gram grams[PCI_SKIN_LEVELS]);
 
 typedef struct pci_skin_alternation {
     pci_skin_frames frames;
@@ -33,6 +38,8 @@ typedef struct pci_skin_alternation {
     double scale[4];                 // of the losses
     uint32_t *allowed;               // #V, see pci_skin_quadratic
     double *follow;                  // #V: factor of L_f
+    const pc_skin *followed;         // b of L_f
+    uint8_t *numbers;                // #threads by #P: 1 + slot of a row, or 0
     double spacing;                  // of the proxy's vertices, squared
     float *gradient, *last_gradient; // #V by slots
     float *moved;                    // #V by slots: since the gradient was found
@@ -46,7 +53,7 @@ bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *pr
                                 const pci_skin_gram grams[PCI_SKIN_LEVELS],
                                 pci_skin_alternation *alternation);
 
-// What L_f follows: the displacements that other weights give.
+// What L_f follows: the displacements that other weights give, which stay the caller's.
 void pci_skin_alternation_follow(pci_skin_alternation *alternation, const pc_mesh *proxy,
                                  const pc_skin *followed);
 

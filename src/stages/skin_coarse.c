@@ -235,7 +235,7 @@ static void fulfil(const prolong_job *job, size_t v, const wish *w, double *weig
     const pci_skin_problem *p = job->fine;
     const uint32_t slots = p->slots, *bones = &p->bones[v * slots];
     double a[PCI_SKIN_SLOTS_MAX * PCI_SKIN_SLOTS_MAX], gradient[PCI_SKIN_SLOTS_MAX];
-    double point[PCI_SKIN_COLUMNS_MAX], left[WISH_MAX], sum = 0.0, trace = 0.0;
+    double point[PCI_SKIN_COLUMNS_MAX], left[WISH_MAX] = {0}, sum = 0.0, trace = 0.0;
     pci_skin_point(p, job->driver->origin, job->driver->unit, v, point);
     for (size_t k = 0; k < slots; ++k) {
         sum += w->weights[k] > 0.0 ? w->weights[k] : 0.0;
@@ -270,7 +270,7 @@ static void prolong_rows(void *user, size_t begin, size_t end, uint32_t worker) 
     (void)worker;
     const prolong_job *job = user;
     for (size_t v = begin; v < end; ++v) {
-        wish w;
+        wish w = {0};
         make_wish(job, v, &w);
         fulfil(job, v, &w, &job->weights[v * job->fine->slots]);
     }

@@ -3,7 +3,6 @@
 
 #include "core/topology.h"
 #include "proxycloth/baselines.h"
-#include "stages/skin_alternate.h"
 #include "stages/skin_coarse.h"
 
 static const char stage[] = "skin";
@@ -382,9 +381,8 @@ static bool restrict_fit(pci_scratch *scratch, const pci_skin_fit *f, const pci_
 
 static pc_status solve_coarse(pci_scratch *scratch, pci_skin_fit *c, const pci_skin_gram *grams);
 
-// Takes from a smaller problem how the weights change that vary slowly. `rounds` (in and out): of
-// the first phase; more where there is no smaller problem.
-static pc_status start_from_coarse(pci_skin_fit *f, const pci_skin_gram *grams, uint32_t *rounds) {
+pc_status pci_skin_start_from_coarse(pci_skin_fit *f, const pci_skin_gram grams[PCI_SKIN_LEVELS],
+                                     uint32_t *rounds) {
     const size_t slots = f->problem.slots;
     if (f->problem.vertex_count < LEAST_VERTICES) {
         *rounds = f->options->rounds;
@@ -419,7 +417,7 @@ static pc_status solve_coarse(pci_scratch *scratch, pci_skin_fit *c, const pci_s
     const pc_skin_options *o = c->options;
     pci_skin_alternation a;
     uint32_t rounds = (o->rounds + 1) / 2;
-    pc_status status = start_from_coarse(c, grams, &rounds);
+    pc_status status = pci_skin_start_from_coarse(c, grams, &rounds);
     if (status != PC_OK) {
         return status;
     }
@@ -506,7 +504,8 @@ pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_
     const pci_skin_problem *p = &f->problem;
     uint32_t first_rounds = (uint32_t)round(first_end * f->options->rounds);
     pci_skin_gram grams[PCI_SKIN_LEVELS];
-    if (!pci_skin_grams_build(scratch, p, pci_skin_kernel_float(), grams)) {
+    if (!pci_skin_grams_build(scratch, p, pci_skin_kernel_float(), f->options->motion_noise,
+                              grams)) {
         return pci_fail_memory(f->context, stage);
     }
     pc_status status = measure_guess(f, grams, r);
@@ -514,7 +513,7 @@ pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_
     hold_pinned(f, NULL);
     normalize_rows(f);
     if (status == PC_OK) {
-        status = start_from_coarse(f, grams, &first_rounds);
+        status = pci_skin_start_from_coarse(f, grams, &first_rounds);
     }
     pci_skin_alternation a;
     if (status == PC_OK &&
@@ -525,7 +524,6 @@ pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_
         return status;
     }
     pci_skin_alternation_follow(&a, f->proxy, &f->followed);
-    pc_skin_free(f->context, &f->followed); // before memory peaks
     hold_pinned(f, a.allowed);
     normalize_rows(f);
     status = weigh(scratch, f, &a);

@@ -4,7 +4,7 @@
 
 #include "core/bvh.h"
 #include "proxycloth/skin.h"
-#include "stages/skin_internal.h"
+#include "stages/skin_alternate.h"
 
 enum { PCI_SKIN_CANDIDATES_MAX = 32 };
 
@@ -43,6 +43,12 @@ PC_NODISCARD pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit
                                               pc_skin_report *report);
 PC_NODISCARD pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *fit,
                                           pc_skin_report *report);
+
+// Takes from smaller problems how the weights change that vary slowly. `rounds` (in and out): of
+// what is left to do with all candidates; more where there is no smaller problem.
+PC_NODISCARD pc_status pci_skin_start_from_coarse(pci_skin_fit *fit,
+                                                  const pci_skin_gram grams[PCI_SKIN_LEVELS],
+                                                  uint32_t *rounds);
 
 // Sorts one row by falling weight, ties to the smaller bone.
 void pci_skin_sort_row(uint32_t *bones, double *weights, uint32_t count);

@@ -73,6 +73,9 @@ static void build_row(const pci_skin_problem *p, const incoming_lists *in, const
     for (size_t e = p->ring_offsets[i]; e < p->ring_offsets[i + 1]; ++e) {
         add_spring(b, i, p->ring[e], 2.0 * ring * pci_skin_stiffness(p, i, p->ring[e]));
     }
+    if (k == 0) {
+        return;
+    }
     for (size_t e = k * i; e < k * i + k; ++e) {
         const uint32_t j = p->near[e];
         add_spring(b, i, j, scale[1] * pci_skin_stiffness(p, i, j) + scale[2] * p->near_weights[e]);

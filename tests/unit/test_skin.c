@@ -655,6 +655,29 @@ static void beats_the_closest_triangle(void **state) {
     }
 }
 
+// Up to the most influences that the options take, where twice as many candidates are too many.
+static void many_influences_work(void **state) {
+    (void)state;
+    fixture f;
+    load_fixture("dress796", 1, &f);
+    pc_motion motion = {0};
+    make_motion(f.context, &f.proxy, 16, 1, &motion);
+    for (uint32_t influences = 16; influences <= 32; influences += 8) {
+        pc_skin skin = {0};
+        pc_skin_options options;
+        pc_record_set_defaults(&pc_skin_options_record, &options);
+        options.influences = influences;
+        options.rounds = 4;
+        assert_ok(f.context,
+                  pc_skin_optimize(f.context, &f.visual, &f.proxy, &motion, &options, &skin, NULL));
+        assert_int_equal(skin.influences, influences);
+        assert_valid_skin(&skin, f.visual.vertex_count, f.proxy.vertex_count);
+        pc_skin_free(f.context, &skin);
+    }
+    pc_motion_free(f.context, &motion);
+    free_fixture(&f);
+}
+
 // Two sheets close together, each with its own proxy, that slide apart: L_c cannot be satisfied and
 // must not bend the sheets. With lambda_r = 0 it keeps its full weight.
 static void collisions_do_not_cost_the_shape(void **state) {
@@ -982,6 +1005,7 @@ int main(void) {
 #endif
         cmocka_unit_test(adamw_follows_the_fixtures),
         cmocka_unit_test(beats_the_closest_triangle),
+        cmocka_unit_test(many_influences_work),
         cmocka_unit_test(collisions_do_not_cost_the_shape),
         cmocka_unit_test(threads_give_the_same_bytes),
         cmocka_unit_test(translation_and_unit_do_not_matter),

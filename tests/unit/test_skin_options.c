@@ -227,6 +227,38 @@ static void least_motion_raises_lambda_follow(void **state) {
     free_fixture(&f);
 }
 
+// ---- motion_noise -------------------------------------------------------------------------------
+
+// Few frames show little of how the proxy moves; weights that stand noise keep their shape better
+// in others, though not in these.
+static void noise_helps_on_other_motions(void **state) {
+    (void)state;
+    fixture f;
+    load_fixture("dress796", 1, &f);
+    pc_motion seen = {0}, unseen = {0};
+    make_motion(f.context, &f.proxy, 16, 1, &seen);
+    make_motion(f.context, &f.proxy, 48, 2, &unseen);
+    double rigid[2][2];
+    for (size_t i = 0; i < 2; ++i) {
+        pc_skin_options options = defaults();
+        options.motion_noise = i == 0 ? 0.0 : options.motion_noise;
+        pc_skin skin = {0};
+        optimize(f.context, &f.visual, &f.proxy, &seen, &options, &skin);
+        for (size_t k = 0; k < 2; ++k) {
+            pc_skin_losses losses;
+            assert_ok(f.context, pc_skin_evaluate(f.context, &f.visual, &f.proxy,
+                                                  k == 0 ? &seen : &unseen, &skin, NULL, &losses));
+            rigid[i][k] = losses.rigid;
+        }
+        pc_skin_free(f.context, &skin);
+    }
+    assert_true(rigid[1][0] > rigid[0][0]);
+    assert_true(rigid[1][1] < rigid[0][1]);
+    pc_motion_free(f.context, &seen);
+    pc_motion_free(f.context, &unseen);
+    free_fixture(&f);
+}
+
 // ---- equal_edges --------------------------------------------------------------------------------
 
 // Stiffness is l^2 / |e|^2 with a floor; so every edge adds about l^2 to the norms.
@@ -325,6 +357,7 @@ int main(void) {
         cmocka_unit_test(rotations_give_the_same_bytes_at_any_thread_count),
         cmocka_unit_test(pins_hold_exactly),
         cmocka_unit_test(least_motion_raises_lambda_follow),
+        cmocka_unit_test(noise_helps_on_other_motions),
         cmocka_unit_test(equal_edges_count_alike),
         cmocka_unit_test(equal_edges_keep_short_edges),
     };

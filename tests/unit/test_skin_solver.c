@@ -141,8 +141,8 @@ typedef struct solver {
     pci_skin_alternation a;
 } solver;
 
-static void open_solver(const char *name, uint32_t frames, uint32_t threads, double follow,
-                        bool turned, solver *s) {
+static void open_noisy(const char *name, uint32_t frames, uint32_t threads, double follow,
+                       bool turned, double noise, solver *s) {
     load_fixture(name, threads, &s->f);
     memset(&s->motion, 0, sizeof(s->motion));
     memset(&s->followed, 0, sizeof(s->followed));
@@ -157,12 +157,17 @@ static void open_solver(const char *name, uint32_t frames, uint32_t threads, dou
     }
     pci_skin_gram grams[PCI_SKIN_LEVELS];
     const pci_skin_kernel *kernel = pci_skin_kernel_double();
-    assert_true(pci_skin_grams_build(&s->f.scratch, &s->f.problem, kernel, grams));
+    assert_true(pci_skin_grams_build(&s->f.scratch, &s->f.problem, kernel, noise, grams));
     assert_true(pci_skin_alternation_build(&s->f.scratch, &s->f.problem, kernel, grams, &s->a));
     assert_ok(s->f.context,
               pc_skin_closest_triangle(s->f.context, &s->f.visual, &s->f.proxy, &s->followed));
     pci_skin_alternation_follow(&s->a, &s->f.proxy, &s->followed);
     assert_true(pci_skin_alternation_weigh(&s->f.scratch, &s->a, lambda_all, follow));
+}
+
+static void open_solver(const char *name, uint32_t frames, uint32_t threads, double follow,
+                        bool turned, solver *s) {
+    open_noisy(name, frames, threads, follow, turned, 0.0, s);
 }
 
 static void close_solver(solver *s) {
@@ -293,6 +298,57 @@ static void the_gram_matrix_is_that_of_the_displacements(void **state) {
         free(means);
         close_solver(&s);
     }
+}
+
+// What the noise adds to dE/dW: s sum_j M_ij (w_j - b_j / 2) in all terms but L_f, and
+// 2 s f_i (w_i - b_i) in L_f, of the bone of each slot.
+static void noise_pulls_as_its_energy_says(void **state) {
+    const bool turned = *state != NULL;
+    solver plain, noisy;
+    open_solver("tiny", 12, 1, 0.7, turned, &plain);
+    open_noisy("tiny", 12, 1, 0.7, turned, 0.5, &noisy);
+    const pci_skin_problem *p = &noisy.f.problem;
+    const pci_skin_quadratic *q = &noisy.a.quadratic;
+    const size_t slots = p->slots, count = noisy.f.count, influences = noisy.followed.influences;
+    const double noise = noisy.a.grams[PCI_SKIN_ALL].noise;
+    double *w = calloc(count, sizeof(double)), *pull = calloc(p->proxy_count, sizeof(double));
+    solver *both[] = {&plain, &noisy};
+    for (size_t i = 0; i < 2; ++i) {
+        pci_skin_measures measures;
+        memcpy(w, noisy.f.weights, count * sizeof(double));
+        assert_ok(both[i]->f.context,
+                  pci_skin_alternation_prune(&both[i]->a, (uint32_t)slots, w, &measures));
+    }
+    double largest = 0.0;
+    for (size_t i = 0; i < count; ++i) {
+        largest = fmax(largest, fabs((double)noisy.a.gradient[i]));
+    }
+    assert_true(noise > 0.0 && plain.a.grams[PCI_SKIN_ALL].noise == 0.0);
+    memcpy(w, noisy.f.weights, count * sizeof(double));
+    for (size_t v = 0; v < p->vertex_count; ++v) {
+        const double follow = 2.0 * noisy.a.follow[v];
+        memset(pull, 0, p->proxy_count * sizeof(double));
+        for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
+            const size_t j = q->columns[e];
+            const double m = (double)q->values[e];
+            for (size_t k = j * slots; k < (j + 1) * slots; ++k) {
+                pull[p->bones[k]] += noise * m * w[k];
+            }
+            for (size_t l = j * influences; l < (j + 1) * influences; ++l) {
+                const double rest = j == v ? m - follow : m;
+                pull[noisy.followed.bones[l]] -=
+                    noise * (0.5 * rest + (j == v ? follow : 0.0)) * noisy.followed.weights[l];
+            }
+        }
+        for (size_t k = v * slots; k < (v + 1) * slots; ++k) {
+            assert_close((double)noisy.a.gradient[k] - (double)plain.a.gradient[k],
+                         pull[p->bones[k]], 1e-6 * largest);
+        }
+    }
+    free(w);
+    free(pull);
+    close_solver(&plain);
+    close_solver(&noisy);
 }
 
 // Sweeps solve the whole convex program: the gradient H (W - W0) + g0, written out, meets the
@@ -750,6 +806,9 @@ int main(void) {
         cmocka_unit_test(the_matrix_is_that_of_the_losses),
         cmocka_unit_test(groups_of_one_colour_share_nothing),
         cmocka_unit_test(the_gram_matrix_is_that_of_the_displacements),
+        cmocka_unit_test(noise_pulls_as_its_energy_says),
+        {"noise_pulls_as_its_energy_says, turned", noise_pulls_as_its_energy_says, NULL, NULL,
+         &turned},
         cmocka_unit_test(sweeps_reach_the_minimum),
         {"sweeps_reach_the_minimum, turned", sweeps_reach_the_minimum, NULL, NULL, &turned},
         cmocka_unit_test(reaches_the_loss_of_adamw),

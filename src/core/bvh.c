@@ -31,12 +31,6 @@ static const double *corner(const pc_mesh *mesh, size_t triangle, size_t c) {
     return &mesh->positions[3 * (size_t)mesh->triangles[3 * triangle + c]];
 }
 
-static void ignore_error(void *user, enum RTCError code, const char *text) {
-    (void)user;
-    (void)code;
-    (void)text;
-}
-
 static void bound_triangle(const struct RTCBoundsFunctionArguments *arguments) {
     const pci_bvh *bvh = arguments->geometryUserPtr;
     float lower[3], upper[3];
@@ -100,17 +94,12 @@ static bool normalise_space(pci_bvh *bvh) {
     return true;
 }
 
-// To make a device takes longer than the tree of a small mesh: a context keeps its own.
 static enum RTCError build_scene(pc_context *context, const char *stage, pci_bvh *bvh,
                                  build_watch *watch) {
-    if (context->embree == NULL) {
-        context->embree = rtcNewDevice(pci_embree_configuration());
-        if (context->embree == NULL) {
-            return rtcGetDeviceError(NULL);
-        }
-        rtcSetDeviceErrorFunction(context->embree, ignore_error, NULL);
+    RTCDevice device = pci_embree_device(&context->embree);
+    if (device == NULL) {
+        return rtcGetDeviceError(NULL);
     }
-    RTCDevice device = context->embree;
     bvh->scene = rtcNewScene(device);
     RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_USER);
     rtcSetGeometryUserPrimitiveCount(geometry, (unsigned int)bvh->mesh->triangle_count);
@@ -195,13 +184,6 @@ void pci_bvh_destroy(pc_context *context, pci_bvh *bvh) {
     }
     pc_release(context, bvh->duplicate);
     pc_release(context, bvh);
-}
-
-void pci_bvh_release_device(pc_context *context) {
-    if (context->embree != NULL) {
-        rtcReleaseDevice(context->embree);
-        context->embree = NULL;
-    }
 }
 
 // ---- closest point ------------------------------------------------------------------------------

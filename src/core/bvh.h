@@ -19,9 +19,6 @@ void pci_bvh_destroy(pc_context *context, pci_bvh *bvh); // NULL is accepted
 // another mesh or NULL. Between the calls the mesh must stay alive and unchanged.
 void pci_bvh_share(pc_context *context, const pc_mesh *mesh);
 
-// What the trees of a context have in common; for the end of the context, after its last tree.
-void pci_bvh_release_device(pc_context *context);
-
 typedef struct pci_closest {
     uint32_t triangle; // PC_INVALID_INDEX: nothing within the radius
     double point[3];

@@ -2,9 +2,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "core/bvh.h"
 #include "core/clock.h"
 #include "core/context.h"
+#include "core/embree.h"
 #include "proxycloth/version.h"
 
 #define PCI_STATUS_TEXT(name, value, text)                                                         \
@@ -69,7 +69,7 @@ void pc_context_destroy(pc_context *context) {
     if (context == NULL) {
         return;
     }
-    pci_bvh_release_device(context);
+    pci_embree_release(context->embree);
     pci_pool_destroy(context, context->pool);
     const pc_allocator allocator = context->options.allocator;
     allocator.release(allocator.user, context);

@@ -17,7 +17,7 @@ struct pc_context {
     // pci_bvh_share
     const struct pc_mesh *shared_mesh;
     struct pci_bvh *shared_bvh; // NULL until somebody asks for it
-    void *embree;               // the device of all trees (bvh.c); NULL before the first one
+    void *embree;               // the device of all trees (embree.h); NULL before the first one
 };
 
 // The allocator of contexts without one of their own.

@@ -26,9 +26,9 @@
 /// DEVIATIONS of the default solver:
 /// - The paper's losses are 0 for equal weights everywhere, so they reward less motion.
 ///   L_f = sum |u_i(t) - u*_i(t)|^2 mends that, u* the displacement that heat-smoothed weights
-///   (proxycloth/baselines.h) give; lambda_f doubles, twice at most, while the garment moves less
-///   than `least_motion` of what the proxy's closest points do. A vertex whose closest point is
-///   held follows that point exactly.
+///   (proxycloth/baselines.h) give; lambda_f doubles, whenever slots are taken away, while the
+///   garment moves less than `least_motion` of what the proxy's closest points do. A vertex whose
+///   closest point is held follows that point exactly.
 /// - Edges count alike whatever their length (`equal_edges`): L_r, L_c and L_s give each edge the
 ///   stiffness l^2 / |e|^2, l^2 the mean square. As printed, small triangles cost nothing and
 ///   fold, and buttons stretch. The report gives the losses as printed.
@@ -58,9 +58,9 @@
 /// all (and so on, down to some hundred); then few rounds do on all. Most rounds see a sample of
 /// the frames, about 32 of them evenly spread, the last ones all.
 ///
-/// Time: about 25 ns per vertex, frame seen and round or epoch on one core, in float, and 2.5 us per
-/// vertex and round. Memory: about 1.5 kB per vertex, 12 B per proxy vertex and frame, and 16 B per
-/// pair of proxy vertices. With rotations the last two are 4 and 16 times as much.
+/// Time: about 25 ns per vertex, frame seen and round or epoch on one core, in float, and 2.5 us
+/// per vertex and round. Memory: about 1.5 kB per vertex, 12 B per proxy vertex and frame, and 16 B
+/// per pair of proxy vertices. With rotations the last two are 4 and 16 times as much.
 ///
 /// Postconditions: weights >= 0, each row sums to 1 within 1e-12, rows sorted by falling weight.
 #ifndef PROXYCLOTH_SKIN_H

@@ -433,13 +433,14 @@ static pc_status solve_coarse(pci_scratch *scratch, pci_skin_fit *c, const pci_s
                : status;
 }
 
-// What is decided before the first slots are taken away, and the last: whether the garment moves
-// enough, and whether its layers can be held together. `measures`: of these weights.
+// What is decided whenever slots are taken away: whether the garment moves enough; and the first
+// and the last time, whether its layers can be held together. `measures`: of these weights.
 static pc_status decide(pci_scratch *scratch, pci_skin_fit *f, pci_skin_alternation *a,
-                        const pci_skin_measures *measures) {
+                        bool balancing, const pci_skin_measures *measures) {
     bool still = false;
     const pc_status status = keep_moving(f, &still);
-    return status == PC_OK && (rebalance(f, measures) || still) ? weigh(scratch, f, a) : status;
+    const bool balanced = status == PC_OK && balancing && rebalance(f, measures);
+    return status == PC_OK && (balanced || still) ? weigh(scratch, f, a) : status;
 }
 
 // Takes slots away so that `kept` are left.
@@ -469,8 +470,8 @@ static pc_status run_phases(pci_scratch *scratch, pci_skin_fit *f, pci_skin_alte
             // The pass over frames before slots are taken away also measures.
             status = narrow(f, a, c.widths[phase], &measures);
         }
-        if ((phase == 1 || phase + 1 == c.count) && status == PC_OK) {
-            status = decide(scratch, f, a, &measures);
+        if (phase > 0 && status == PC_OK) {
+            status = decide(scratch, f, a, phase == 1 || phase + 1 == c.count, &measures);
         }
         if (status == PC_OK) {
             status = pci_skin_alternation_run(

@@ -37,12 +37,12 @@ void *import_grow(scene_reader *reader, void *array, size_t *capacity, size_t ne
     }
     size_t grown = 2 * *capacity < needed ? needed : 2 * *capacity;
     char *memory = grown < SIZE_MAX / 2 / size ? realloc(array, grown * size) : NULL;
-    if (memory == NULL) {
-        import_fail(reader, "bad_alloc");
+    if (memory != NULL) {
+        memset(memory + *capacity * size, 0, (grown - *capacity) * size);
+        *capacity = grown;
+        return memory;
     }
-    memset(memory + *capacity * size, 0, (grown - *capacity) * size);
-    *capacity = grown;
-    return memory;
+    import_fail(reader, "bad_alloc");
 }
 
 void *import_allocate(scene_reader *reader, size_t count, size_t size) {

@@ -13,8 +13,7 @@
 /// - Vertices leave the centroids: they slide and edges flip towards even triangles, border
 ///   vertices stay on the border and its corners, then the faces are fitted to the single layer
 ///   and it to them, with weight on the largest distances; no vertex goes farther than .15 wanted
-///   edge lengths from it, which is what a tube of three edges around needs. Folds that the faces
-///   are too wide to follow become the sheet between their ridges and valleys.
+///   edge lengths from it, which is what a tube of three edges around needs.
 /// - Triangles with an angle below 36 degrees are treated one by one: their vertices search better
 ///   places, edges collapse or split, and the vertex count is balanced elsewhere. So sleeves stay
 ///   tubes of at least three edges around, and straps become strips one triangle wide. What is

@@ -10,12 +10,6 @@ enum { grain = 512 };
 // where no face follows.
 static const double farthest = 0.15;
 
-// The faces cannot follow the fine surface where the mean cosine between the two is less. On a tube
-// of three edges around it is .83; folds narrower than the faces have steeper sides. Below the
-// second number all that is out of line goes.
-static const double following_cosine = 0.8, lost_cosine = 0.6;
-static const double fairing_share = 0.8;
-
 // Each fine vertex is a sample that holds on to the nearest coarse triangle or, if it lies on the
 // border, to the nearest coarse border edge: hems are fitted to hems, from inside and outside.
 typedef struct fitting {
@@ -27,9 +21,6 @@ typedef struct fitting {
     double *squared;     // per sample, squared length of the residual
     double *pulls;       // per coarse vertex, 3: weighted sum of residuals
     double *pull_weights;
-    double *face_normals; // per coarse triangle, 3: unit
-    double *agreements;   // per coarse vertex, mean cosine to the fine surface around it
-    double *agreement_areas;
 } fitting;
 
 static double triangle_distance(const fitting *f, uint32_t t, const double point[3],
@@ -134,38 +125,6 @@ static void find_residuals(void *user, size_t begin, size_t end, uint32_t worker
                 f->residuals[3 * s + k] -= bary[c] * coarse->positions[3 * (size_t)vertices[c] + k];
             }
         }
-    }
-}
-
-// How well the faces around each vertex follow the fine surface that lies on them.
-static void find_agreements(fitting *f) {
-    const pci_relaxation *r = f->relaxation;
-    const pci_halfedge *coarse = r->coarse;
-    for (size_t t = 0; t < coarse->triangle_count; ++t) {
-        const uint32_t *corner = &coarse->corners[3 * t];
-        const double *a = &coarse->positions[3 * (size_t)corner[0]];
-        double ab[3], ac[3];
-        pci_sub(&coarse->positions[3 * (size_t)corner[1]], a, ab);
-        pci_sub(&coarse->positions[3 * (size_t)corner[2]], a, ac);
-        pci_cross(ab, ac, &f->face_normals[3 * t]);
-        pci_normalize(&f->face_normals[3 * t]);
-    }
-    memset(f->agreements, 0, coarse->vertex_count * sizeof(*f->agreements));
-    memset(f->agreement_areas, 0, coarse->vertex_count * sizeof(*f->agreement_areas));
-    for (size_t s = 0; s < r->fine->vertex_count; ++s) {
-        if (f->arcs[s] > 0.0) {
-            continue;
-        }
-        const size_t t = f->elements[s];
-        const double cosine = pci_dot(&f->face_normals[3 * t], &r->fine_normals[3 * s]);
-        for (size_t c = 0; c < 3; ++c) {
-            f->agreements[coarse->corners[3 * t + c]] += f->areas[s] * cosine;
-            f->agreement_areas[coarse->corners[3 * t + c]] += f->areas[s];
-        }
-    }
-    for (size_t v = 0; v < coarse->vertex_count; ++v) {
-        f->agreements[v] =
-            f->agreement_areas[v] > 0.0 ? f->agreements[v] / f->agreement_areas[v] : 1.0;
     }
 }
 
@@ -319,42 +278,6 @@ static void sliding_step(const pci_relaxation *r, uint32_t v, double step[3]) {
     }
 }
 
-// How high the neighbours of a vertex stand above it on average, along its normal.
-static double mean_height(const pci_halfedge *coarse, uint32_t v, double normal[3]) {
-    double sum = 0.0, count = 0.0;
-    fan_normal(coarse, v, normal);
-    PCI_FOR_OUTGOING(coarse, v, h) {
-        double way[3];
-        pci_sub(&coarse->positions[3 * (size_t)pci_target(coarse, h)],
-                &coarse->positions[3 * (size_t)v], way);
-        sum += pci_dot(way, normal);
-        ++count;
-    }
-    return sum / count;
-}
-
-// Folds that the faces cannot follow leave every vertex on a ridge or in a valley, by chance: it
-// goes to where it bends as its neighbours do on average, which leaves tubes as round as they are.
-static void add_fairing_step(const fitting *f, uint32_t v, double step[3]) {
-    const pci_halfedge *coarse = f->relaxation->coarse;
-    const double lost = (following_cosine - f->agreements[v]) / (following_cosine - lost_cosine);
-    if (!(lost > 0.0) || pci_is_border_vertex(coarse, v)) {
-        return;
-    }
-    double normal[3], other[3], sum = 0.0, count = 0.0;
-    const double own = mean_height(coarse, v, normal);
-    PCI_FOR_OUTGOING(coarse, v, h) {
-        if (!pci_is_border_vertex(coarse, pci_target(coarse, h))) {
-            sum += mean_height(coarse, pci_target(coarse, h), other);
-            ++count;
-        }
-    }
-    const double share = count > 0.0 ? fairing_share * fmin(lost, 1.0) : 0.0;
-    for (size_t k = 0; k < 3 && share > 0.0; ++k) {
-        step[k] += share * (own - sum / count) * normal[k];
-    }
-}
-
 // Draws a vertex that is too far from the fine surface, or border, nearer.
 static void limit_distance(const pci_relaxation *r, uint32_t v, double spacing) {
     double *at = &r->coarse->positions[3 * (size_t)v];
@@ -381,7 +304,6 @@ static void move_vertex(const fitting *f, uint32_t v, double spacing) {
             step[k] += f->pulls[3 * (size_t)v + k] / f->pull_weights[v];
         }
     }
-    add_fairing_step(f, v, step);
     const double length = pci_norm(step), limit = 0.25 * spacing;
     double share = length > limit ? limit / length : 1.0;
     const double before = pci_relax_quality(r, v);
@@ -409,9 +331,6 @@ bool pci_fit(pci_scratch *scratch, pci_relaxation *relaxation, const uint32_t *n
     f.squared = PCI_SCRATCH(scratch, double, samples);
     f.pulls = PCI_SCRATCH(scratch, double, 3 * coarse->vertex_count);
     f.pull_weights = PCI_SCRATCH(scratch, double, coarse->vertex_count);
-    f.face_normals = PCI_SCRATCH(scratch, double, 3 * coarse->triangle_count);
-    f.agreements = PCI_SCRATCH(scratch, double, coarse->vertex_count);
-    f.agreement_areas = PCI_SCRATCH(scratch, double, coarse->vertex_count);
     if (scratch->failed) {
         return false;
     }
@@ -423,7 +342,6 @@ bool pci_fit(pci_scratch *scratch, pci_relaxation *relaxation, const uint32_t *n
         if (!pci_parallel_while_wanted(scratch->context, samples, grain, find_residuals, &f)) {
             return false;
         }
-        find_agreements(&f);
         sum_pulls(&f);
         add_face_pulls(&f);
         for (uint32_t v = 0; v < coarse->vertex_count; ++v) {

@@ -239,7 +239,10 @@ static bool read_materials(pci_asset_file *file, hid_t group, pc_visual *visual)
     if (good) {
         visual->materials = PCI_ALLOCATE(file->context, pc_material, count[0]);
         visual->material_count = count[0];
-        good = visual->materials != NULL || pci_asset_out_of_memory(file);
+        good = visual->materials != NULL;
+        if (!good) {
+            (void)pci_asset_out_of_memory(file);
+        }
     }
     for (size_t i = 0; i < count[0] && good; ++i) {
         pc_material *material = &visual->materials[i];

@@ -281,22 +281,33 @@ typedef struct closest_query {
     double barycentric[3];
 } closest_query;
 
+// Whether the triangle is the nearest one so far; ties go to the smaller index.
+static inline bool is_nearest(const closest_query *query, uint32_t triangle, double distance2) {
+    return !(distance2 > query->distance2 ||
+             (distance2 == query->distance2 && triangle > query->triangle));
+}
+
+static inline void keep_nearest(closest_query *query, uint32_t triangle, double distance2,
+                                const double barycentric[3]) {
+    query->distance2 = distance2;
+    query->triangle = triangle;
+    memcpy(query->barycentric, barycentric, sizeof(query->barycentric));
+}
+
 static bool visit_triangle(struct RTCPointQueryFunctionArguments *arguments) {
     closest_query *query = arguments->userPtr;
     const pc_mesh *mesh = query->bvh->mesh;
     const uint32_t t = arguments->primID;
     double barycentric[3] = {0};
     const double distance2 = distance2_to(mesh, t, query->point, barycentric);
-    if (distance2 > query->distance2 || (distance2 == query->distance2 && t > query->triangle)) {
+    if (!is_nearest(query, t, distance2)) {
         return false;
     }
     const double distance = sqrt(distance2);
     if (!(distance <= query->radius)) {
         return false;
     }
-    query->distance2 = distance2;
-    query->triangle = t;
-    memcpy(query->barycentric, barycentric, sizeof(barycentric));
+    keep_nearest(query, t, distance2, barycentric);
     // Shrink the search, with slack so that triangles at the same distance are still visited.
     const float radius = (float)(distance * query->bvh->scale * (1.0 + 1e-6) + query->slack);
     if (radius < arguments->query->radius) {
@@ -453,16 +464,6 @@ typedef struct ball_query {
     double squared_radius;
 } ball_query;
 
-static void compare_distance(closest_query *best, uint32_t triangle, double distance2,
-                             const double barycentric[3]) {
-    if (distance2 < best->distance2 ||
-        (distance2 == best->distance2 && triangle < best->triangle)) {
-        best->distance2 = distance2;
-        best->triangle = triangle;
-        memcpy(best->barycentric, barycentric, sizeof(best->barycentric));
-    }
-}
-
 static bool list_triangle(struct RTCPointQueryFunctionArguments *arguments) {
     ball_query *query = arguments->userPtr;
     pci_surroundings *around = query->around;
@@ -476,7 +477,9 @@ static bool list_triangle(struct RTCPointQueryFunctionArguments *arguments) {
         around->triangles[around->count] = t;
         around->distances[around->count] = sqrt(distance2);
     }
-    compare_distance(&query->best, t, distance2, barycentric);
+    if (is_nearest(&query->best, t, distance2)) {
+        keep_nearest(&query->best, t, distance2, barycentric);
+    }
     if (++around->count <= PCI_SURROUNDINGS) {
         return false;
     }
@@ -493,7 +496,9 @@ static closest_query look_around(const pci_bvh *bvh, const double point[3],
         if (around->distances[i] - way <= nearest) {
             const double distance2 =
                 distance2_to(bvh->mesh, around->triangles[i], point, barycentric);
-            compare_distance(&best, around->triangles[i], distance2, barycentric);
+            if (is_nearest(&best, around->triangles[i], distance2)) {
+                keep_nearest(&best, around->triangles[i], distance2, barycentric);
+            }
             nearest = sqrt(best.distance2) + ball_slack * around->radius;
         }
     }

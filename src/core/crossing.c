@@ -86,11 +86,6 @@ double pci_crossing_length(const double a[9], unsigned shared_a, const double b[
     return length > zero ? length : 0.0;
 }
 
-bool pci_triangles_cross(const double a[9], unsigned shared_a, const double b[9],
-                         unsigned shared_b) {
-    return pci_crossing_length(a, shared_a, b, shared_b) > 0.0;
-}
-
 typedef struct box {
     double minimum[3], maximum[3];
     uint32_t triangle;

@@ -5,14 +5,12 @@
 #include "core/core.h"
 #include "proxycloth/mesh.h"
 
-// Whether two triangles cross: each has corners strictly on both sides of the other's plane, and
-// they share a piece of the line between the planes. Lengths below 1e-12 of the pair's extent count
-// as zero, so touching, coplanar overlap and degenerate triangles are no crossing. Bit i of
-// `shared_a` marks corner i of `a` as a corner of `b` too, and the same for `shared_b`: such a
-// corner is exactly on the other plane, and a crossing has to go on beyond it.
-bool pci_triangles_cross(const double a[9], unsigned shared_a, const double b[9],
-                         unsigned shared_b);
-// The length of the piece of the line that they share; 0: they do not cross.
+// The length of the piece that two triangles share of the line between their planes, where they
+// cross: each has corners strictly on both sides of the other's plane; otherwise 0. Lengths below
+// 1e-12 of the pair's extent count as zero, so touching, coplanar overlap and degenerate triangles
+// are no crossing. Bit i of `shared_a` marks corner i of `a` as a corner of `b` too, and the same
+// for `shared_b`: such a corner is exactly on the other plane, and a crossing has to go on beyond
+// it.
 double pci_crossing_length(const double a[9], unsigned shared_a, const double b[9],
                            unsigned shared_b);
 

@@ -66,16 +66,18 @@ static bool has_object(hid_t parent, const char *name) {
            H5Lget_info(parent, name, &info, H5P_DEFAULT) >= 0 && info.type == H5L_TYPE_HARD;
 }
 
-static hid_t open_group(pci_asset_file *file, hid_t parent, const char *name) {
+// `open`: H5Gopen2 or H5Dopen2.
+static hid_t open_object(pci_asset_file *file, hid_t parent, const char *name,
+                         hid_t (*open)(hid_t, const char *, hid_t)) {
     if (!has_object(parent, name)) {
         pci_asset_damaged(file, name, "is missing");
         return H5I_INVALID_HID;
     }
-    const hid_t group = H5Gopen2(parent, name, H5P_DEFAULT);
-    if (group < 0) {
+    const hid_t object = open(parent, name, H5P_DEFAULT);
+    if (object < 0) {
         pci_asset_hdf5_failed(file, name);
     }
-    return group;
+    return object;
 }
 
 static bool read_choice(pci_asset_file *file, hid_t group, const pc_field *field,
@@ -96,7 +98,7 @@ static bool read_choice(pci_asset_file *file, hid_t group, const pc_field *field
 // Fields that the file lacks, because an older library wrote it, keep what `values` holds.
 static bool read_record(pci_asset_file *file, hid_t parent, const char *name,
                         const pc_record *record, void *values) {
-    const hid_t group = open_group(file, parent, name);
+    const hid_t group = open_object(file, parent, name, H5Gopen2);
     bool good = group >= 0;
     for (size_t i = 0; i < record->field_count && good; ++i) {
         const pc_field *field = &record->fields[i];
@@ -157,18 +159,6 @@ static bool read_shape(pci_asset_file *file, hid_t dataset, const char *name, hi
     return good;
 }
 
-static hid_t open_dataset(pci_asset_file *file, hid_t parent, const char *name) {
-    if (!has_object(parent, name)) {
-        pci_asset_damaged(file, name, "is missing");
-        return H5I_INVALID_HID;
-    }
-    const hid_t dataset = H5Dopen2(parent, name, H5P_DEFAULT);
-    if (dataset < 0) {
-        pci_asset_hdf5_failed(file, name);
-    }
-    return dataset;
-}
-
 // Memory for the rows of a dataset, filled; NULL on failure.
 static void *read_rows(pci_asset_file *file, hid_t dataset, const char *name, hid_t wanted,
                        size_t count) {
@@ -209,7 +199,7 @@ static bool read_array(pci_asset_file *file, hid_t group, const pci_array_info *
     }
     const size_t rank = 1u + (info->columns != PCI_COUNT_NONE) + (info->tuple != 1);
     size_t shape[3] = {1, 1, 1};
-    const hid_t dataset = open_dataset(file, group, info->name);
+    const hid_t dataset = open_object(file, group, info->name, H5Dopen2);
     bool good = dataset >= 0 && read_shape(file, dataset, info->name,
                                            pci_asset_file_type(info->element), rank, shape);
     if (good && !agree_on_counts(asset, info, shape, known)) {
@@ -228,7 +218,7 @@ static bool read_array(pci_asset_file *file, hid_t group, const pci_array_info *
 
 static bool read_materials(pci_asset_file *file, hid_t group, pc_visual *visual) {
     const hid_t stored = pci_asset_material_type(true), wanted = pci_asset_material_type(false);
-    const hid_t dataset = open_dataset(file, group, "materials");
+    const hid_t dataset = open_object(file, group, "materials", H5Dopen2);
     size_t count[3] = {0};
     pci_stored_material *rows = NULL;
     bool good = dataset >= 0 && read_shape(file, dataset, "materials", stored, 1, count);
@@ -266,7 +256,7 @@ static bool read_scenario(pci_asset_file *file, hid_t group, pc_scenario *scenar
     }
     size_t shape[3] = {0};
     char *text = NULL;
-    const hid_t dataset = open_dataset(file, group, "scenario");
+    const hid_t dataset = open_object(file, group, "scenario", H5Dopen2);
     bool good = dataset >= 0 && read_shape(file, dataset, "scenario", H5T_STD_U8LE, 1, shape);
     if (good) {
         text = read_rows(file, dataset, "scenario", H5T_NATIVE_UINT8, shape[0]);
@@ -290,7 +280,7 @@ static bool read_scenario(pci_asset_file *file, hid_t group, pc_scenario *scenar
 static bool read_group(pci_asset_file *file, pc_asset *asset, int group) {
     bool known[PCI_COUNT_COUNT] = {false};
     known[PCI_COUNT_MATERIALS] = group == 0;
-    const hid_t id = open_group(file, file->id, pci_group_name(group));
+    const hid_t id = open_object(file, file->id, pci_group_name(group), H5Gopen2);
     bool good = id >= 0;
     for (size_t i = 0; i < pci_scalar_count && good; ++i) {
         const pci_scalar_info *info = &pci_scalars[i];

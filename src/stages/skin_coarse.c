@@ -148,105 +148,87 @@ typedef struct prolong_job {
     double *weights;
 } prolong_job;
 
-// A row that is to move as `count` bones with these weights, some of them its own.
-typedef struct wish {
+// Amounts by key, in the order in which the keys came: a row that is to move as bones with these
+// weights, the first ones its own; or clusters near a vertex and what their changes count.
+typedef struct tally {
     uint32_t count;
-    uint32_t bones[WISH_MAX];
-    double weights[WISH_MAX];
-} wish;
+    uint32_t keys[WISH_MAX];
+    double amounts[WISH_MAX];
+} tally;
 
-static void add_wish(wish *w, uint32_t bone, double weight) {
+// False: left out, there are `most` other keys.
+static bool add_to(tally *t, uint32_t most, uint32_t key, double amount) {
     uint32_t i = 0;
-    while (i < w->count && w->bones[i] != bone) {
+    while (i < t->count && t->keys[i] != key) {
         ++i;
     }
-    if (i == WISH_MAX) {
-        return;
+    if (i == most) {
+        return false;
     }
-    if (i == w->count) {
-        w->bones[w->count] = bone;
-        w->weights[w->count++] = 0.0;
+    if (i == t->count) {
+        t->keys[t->count] = key;
+        t->amounts[t->count++] = 0.0;
     }
-    w->weights[i] += weight;
-}
-
-// Clusters near a vertex and what their changes count.
-typedef struct cluster_shares {
-    size_t count;
-    uint32_t clusters[CLUSTERS_MAX];
-    double shares[CLUSTERS_MAX];
-    double sum;
-} cluster_shares;
-
-static void add_share(cluster_shares *near, uint32_t cluster, double share) {
-    size_t i = 0;
-    while (i < near->count && near->clusters[i] != cluster) {
-        ++i;
-    }
-    if (i == CLUSTERS_MAX) {
-        return;
-    }
-    if (i == near->count) {
-        near->clusters[near->count] = cluster;
-        near->shares[near->count++] = 0.0;
-    }
-    near->shares[i] += share;
-    near->sum += share;
+    t->amounts[i] += amount;
+    return true;
 }
 
 // Means over the rings of means over the rings, each with the vertex itself: smooth enough for the
-// stiff edges of the fine problem.
-static void find_shares(const pci_skin_problem *fine, const uint32_t *clusters, uint32_t v,
-                        cluster_shares *near) {
+// stiff edges of the fine problem. Returns their sum.
+static double find_shares(const pci_skin_problem *fine, const uint32_t *clusters, uint32_t v,
+                          tally *near) {
+    double sum = 0.0;
     near->count = 0;
-    near->sum = 0.0;
     for (size_t e = fine->ring_offsets[v]; e <= fine->ring_offsets[v + 1]; ++e) {
         const uint32_t j = e < fine->ring_offsets[v + 1] ? fine->ring[e] : v;
         const size_t begin = fine->ring_offsets[j], end = fine->ring_offsets[j + 1];
         const double share = 1.0 / (double)(end - begin + 1);
         for (size_t f = begin; f <= end; ++f) {
-            add_share(near, clusters[f < end ? fine->ring[f] : j], share);
+            const uint32_t cluster = clusters[f < end ? fine->ring[f] : j];
+            sum += add_to(near, CLUSTERS_MAX, cluster, share) ? share : 0.0;
         }
     }
+    return sum;
 }
 
 // What a row has, and the change of the coarse vertices near it.
-static void make_wish(const prolong_job *job, size_t v, wish *w) {
+static void make_wish(const prolong_job *job, size_t v, tally *w) {
     const pci_skin_problem *fine = job->fine, *coarse = &job->coarse->problem;
     const size_t slots = fine->slots;
-    cluster_shares near;
-    find_shares(fine, job->coarse->clusters, (uint32_t)v, &near);
+    tally near;
+    const double sum = find_shares(fine, job->coarse->clusters, (uint32_t)v, &near);
     w->count = 0;
     for (size_t k = v * slots; k < (v + 1) * slots; ++k) {
-        add_wish(w, fine->bones[k], job->weights[k]);
+        (void)add_to(w, WISH_MAX, fine->bones[k], job->weights[k]);
     }
     for (size_t i = 0; i < near.count; ++i) {
-        const size_t first = near.clusters[i] * slots;
+        const size_t first = near.keys[i] * slots;
         for (size_t k = first; k < first + slots; ++k) {
             if (job->change[k] != 0.0) {
-                add_wish(w, coarse->bones[k], near.shares[i] / near.sum * job->change[k]);
+                const double share = near.amounts[i] / sum;
+                (void)add_to(w, WISH_MAX, coarse->bones[k], share * job->change[k]);
             }
         }
     }
 }
 
 // The row takes what it can from the wish as it is, the rest as close as G says.
-static void fulfil(const prolong_job *job, size_t v, const wish *w, double *weights) {
+static void fulfil(const prolong_job *job, size_t v, const tally *w, double *weights) {
     const pci_skin_problem *p = job->fine;
     const uint32_t slots = p->slots, *bones = &p->bones[v * slots];
     double a[PCI_SKIN_SLOTS_MAX * PCI_SKIN_SLOTS_MAX], gradient[PCI_SKIN_SLOTS_MAX];
     double point[PCI_SKIN_COLUMNS_MAX], left[WISH_MAX] = {0}, sum = 0.0, trace = 0.0;
     pci_skin_point(p, job->driver->origin, job->driver->unit, v, point);
     for (size_t k = 0; k < slots; ++k) {
-        sum += w->weights[k] > 0.0 ? w->weights[k] : 0.0;
+        sum += w->amounts[k] > 0.0 ? w->amounts[k] : 0.0;
     }
     if (!(sum > 0.0)) {
         return;
     }
     for (size_t k = 0; k < w->count; ++k) {
-        left[k] = -w->weights[k];
+        left[k] = -w->amounts[k];
         if (k < slots) {
-            weights[k] = w->weights[k] > 0.0 ? w->weights[k] / sum : 0.0;
+            weights[k] = w->amounts[k] > 0.0 ? w->amounts[k] / sum : 0.0;
             left[k] += weights[k];
         }
     }
@@ -255,7 +237,7 @@ static void fulfil(const prolong_job *job, size_t v, const wish *w, double *weig
         for (size_t l = 0; l < w->count; ++l) {
             const double product =
                 pci_skin_gram_product(job->gram, p->proxy_count, job->driver->data.columns,
-                                      bones[k], w->bones[l], point, point);
+                                      bones[k], w->keys[l], point, point);
             gradient[k] += left[l] * product;
             if (l < slots) {
                 a[k * slots + l] = product;
@@ -270,7 +252,7 @@ static void prolong_rows(void *user, size_t begin, size_t end, uint32_t worker) 
     (void)worker;
     const prolong_job *job = user;
     for (size_t v = begin; v < end; ++v) {
-        wish w = {0};
+        tally w = {0};
         make_wish(job, v, &w);
         fulfil(job, v, &w, &job->weights[v * job->fine->slots]);
     }

@@ -18,6 +18,11 @@
 // mean nothing; such a query visits every triangle.
 #define FARTHEST_POINT 1e6
 
+// A search visits about as many triangles as the boxes of all triangles together have times the
+// area of the box around them. Garments stay below 10; far above, nearly everything is visited each
+// time.
+#define MOST_OVERLAP 1000.0
+
 struct pci_bvh {
     const pc_mesh *mesh;
     uint8_t *duplicate; // #F: the triangle repeats an earlier one and is left out
@@ -94,6 +99,35 @@ static bool normalise_space(pci_bvh *bvh) {
     return true;
 }
 
+static double box_area(const double lower[3], const double upper[3], double margin) {
+    double side[3];
+    for (size_t k = 0; k < 3; ++k) {
+        side[k] = upper[k] - lower[k] + margin;
+    }
+    return side[0] * side[1] + side[1] * side[2] + side[2] * side[0];
+}
+
+// How often the boxes cover the surface of the box around them, in normalised space. Boxes as thin
+// as paper count as a thousandth of the whole thick.
+static double measure_overlap(const pci_bvh *bvh) {
+    const double margin = 1e-3, origin[3] = {0};
+    double whole[3], sum = 0.0;
+    for (size_t k = 0; k < 3; ++k) {
+        whole[k] = (bvh->maximum[k] - bvh->minimum[k]) * bvh->scale;
+    }
+    for (size_t t = 0; t < bvh->mesh->triangle_count; ++t) {
+        double lower[3], upper[3];
+        for (size_t k = 0; k < 3; ++k) {
+            const double x = corner(bvh->mesh, t, 0)[k], y = corner(bvh->mesh, t, 1)[k],
+                         z = corner(bvh->mesh, t, 2)[k];
+            lower[k] = fmin(fmin(x, y), z) * bvh->scale;
+            upper[k] = fmax(fmax(x, y), z) * bvh->scale;
+        }
+        sum += bvh->duplicate[t] ? 0.0 : box_area(lower, upper, margin);
+    }
+    return sum / box_area(origin, whole, margin);
+}
+
 static enum RTCError build_scene(pc_context *context, const char *stage, pci_bvh *bvh,
                                  build_watch *watch) {
     RTCDevice device = pci_embree_device(&context->embree);
@@ -146,6 +180,14 @@ pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *
         pci_bvh_destroy(context, created);
         return pci_fail(context, PC_ERROR_NUMERICAL, stage,
                         "%s: a vertex position is infinite or not a number", stage);
+    }
+
+    const double overlap = measure_overlap(created);
+    if (overlap > MOST_OVERLAP) {
+        pci_bvh_destroy(context, created);
+        return pci_fail(context, PC_ERROR_TOO_LARGE, stage,
+                        "%s: the triangles overlap each other %.0f times, at most %.0f", stage,
+                        overlap, MOST_OVERLAP);
     }
 
     build_watch watch = {.context = context, .thread = pthread_self(), .wanted = true};
@@ -378,27 +420,41 @@ typedef struct within_query {
     const pc_mesh *mesh;
     const double *point;
     double radius;
-    bool found;
+    uint32_t found; // PC_INVALID_INDEX: none so far
 } within_query;
+
+static bool is_within(const within_query *query, uint32_t triangle) {
+    double barycentric[3];
+    return sqrt(distance2_to(query->mesh, triangle, query->point, barycentric)) <= query->radius;
+}
 
 static bool visit_until_found(struct RTCPointQueryFunctionArguments *arguments) {
     within_query *query = arguments->userPtr;
-    const uint32_t t = arguments->primID;
-    double barycentric[3];
-    if (query->found ||
-        !(sqrt(distance2_to(query->mesh, t, query->point, barycentric)) <= query->radius)) {
+    if (query->found != PC_INVALID_INDEX || !is_within(query, arguments->primID)) {
         return false;
     }
-    query->found = true;
+    query->found = arguments->primID;
     arguments->query->radius = 0.0F; // hardly anything is visited from now on
     return true;
 }
 
 bool pci_bvh_within(const pci_bvh *bvh, const double point[3], double radius) {
-    within_query query = {bvh->mesh, point, radius, false};
+    uint32_t hint = PC_INVALID_INDEX;
+    return pci_bvh_within_near(bvh, point, radius, &hint);
+}
+
+bool pci_bvh_within_near(const pci_bvh *bvh, const double point[3], double radius, uint32_t *hint) {
+    within_query query = {bvh->mesh, point, radius, PC_INVALID_INDEX};
+    if (*hint != PC_INVALID_INDEX && is_within(&query, *hint)) {
+        return true;
+    }
     double slack = 0.0;
     visit_around(bvh, point, radius, visit_until_found, &query, &slack);
-    return query.found;
+    if (query.found == PC_INVALID_INDEX) {
+        return false;
+    }
+    *hint = query.found;
+    return true;
 }
 
 pci_closest pci_bvh_closest_near(const pci_bvh *bvh, const double point[3], uint32_t hint) {

@@ -83,13 +83,15 @@ static pc_status build_large(hiding *h, const char *stage) {
     return status;
 }
 
-static uint32_t find_near(const hiding *h, uint32_t component, const double point[3]) {
+// `last` is, for each large component, what was near the last point.
+static uint32_t find_near(const hiding *h, uint32_t component, const double point[3],
+                          uint32_t last[most_large]) {
     uint32_t near = 0;
     for (size_t i = 0; i < h->large_count; ++i) {
         if (h->parts[i].component == component) {
             break; // the others are not larger
         }
-        if (pci_bvh_within(h->bvh[i], point, h->reach)) {
+        if (pci_bvh_within_near(h->bvh[i], point, h->reach, &last[i])) {
             near |= UINT32_C(1) << i;
         }
     }
@@ -99,13 +101,15 @@ static uint32_t find_near(const hiding *h, uint32_t component, const double poin
 static void look_around(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     hiding *h = user;
+    uint32_t last[most_large];
+    memset(last, 0xff, sizeof(last));
     for (size_t v = begin; v < end; ++v) {
-        h->near[v] = find_near(h, h->vertex_component[v], &h->mesh->positions[3 * v]);
+        h->near[v] = find_near(h, h->vertex_component[v], &h->mesh->positions[3 * v], last);
     }
 }
 
 // Large components that a whole triangle is near to; its middle is asked where it is wide.
-static uint32_t triangle_near(const hiding *h, size_t t) {
+static uint32_t triangle_near(const hiding *h, size_t t, uint32_t last[most_large]) {
     const uint32_t *corner = &h->mesh->triangles[3 * t];
     double square = 0.0;
     for (size_t k = 0; k < 3; ++k) {
@@ -119,7 +123,7 @@ static uint32_t triangle_near(const hiding *h, size_t t) {
     }
     double middle[3];
     pci_triangle_middle(h->mesh, t, middle);
-    return near & find_near(h, h->component[t], middle);
+    return near & find_near(h, h->component[t], middle, last);
 }
 
 // Marks the triangles that stay. Returns whether any goes; with `failed` in scratch, nothing
@@ -128,6 +132,8 @@ static bool choose_parts(const hiding *h, uint8_t *keep) {
     uint32_t *rank = PCI_SCRATCH(h->scratch, uint32_t, h->count);
     uint8_t *seen = PCI_SCRATCH(h->scratch, uint8_t, h->count); // by rank
     uint32_t *near = PCI_SCRATCH(h->scratch, uint32_t, h->mesh->triangle_count);
+    uint32_t last[most_large];
+    memset(last, 0xff, sizeof(last));
     if (h->scratch->failed) {
         return false;
     }
@@ -135,7 +141,7 @@ static bool choose_parts(const hiding *h, uint8_t *keep) {
         rank[h->parts[i].component] = i;
     }
     for (size_t t = 0; t < h->mesh->triangle_count; ++t) {
-        near[t] = triangle_near(h, t);
+        near[t] = triangle_near(h, t, last);
         seen[rank[h->component[t]]] |= near[t] == 0;
     }
     // The large ones in turn: what hides a part must stay itself. Then the small ones at once.

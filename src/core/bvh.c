@@ -99,33 +99,32 @@ static bool normalise_space(pci_bvh *bvh) {
     return true;
 }
 
-static double box_area(const double lower[3], const double upper[3], double margin) {
-    double side[3];
-    for (size_t k = 0; k < 3; ++k) {
-        side[k] = upper[k] - lower[k] + margin;
+// Whether the box of a triangle holds the point.
+static bool box_holds(const pc_mesh *mesh, size_t triangle, const double point[3]) {
+    bool inside = true;
+    for (size_t k = 0; k < 3 && inside; ++k) {
+        const double a = corner(mesh, triangle, 0)[k], b = corner(mesh, triangle, 1)[k],
+                     c = corner(mesh, triangle, 2)[k];
+        inside = (a <= point[k] || b <= point[k] || c <= point[k]) &&
+                 (a >= point[k] || b >= point[k] || c >= point[k]);
     }
-    return side[0] * side[1] + side[1] * side[2] + side[2] * side[0];
+    return inside;
 }
 
-// How often the boxes cover the surface of the box around them, in normalised space. Boxes as thin
-// as paper count as a thousandth of the whole thick.
+// How many boxes hold the middle of a triangle, on average over some.
 static double measure_overlap(const pci_bvh *bvh) {
-    const double margin = 1e-3, origin[3] = {0};
-    double whole[3], sum = 0.0;
-    for (size_t k = 0; k < 3; ++k) {
-        whole[k] = (bvh->maximum[k] - bvh->minimum[k]) * bvh->scale;
-    }
-    for (size_t t = 0; t < bvh->mesh->triangle_count; ++t) {
-        double lower[3], upper[3];
-        for (size_t k = 0; k < 3; ++k) {
-            const double x = corner(bvh->mesh, t, 0)[k], y = corner(bvh->mesh, t, 1)[k],
-                         z = corner(bvh->mesh, t, 2)[k];
-            lower[k] = fmin(fmin(x, y), z) * bvh->scale;
-            upper[k] = fmax(fmax(x, y), z) * bvh->scale;
+    enum { most_samples = 64 };
+    const size_t count = bvh->mesh->triangle_count;
+    const size_t samples = count < most_samples ? count : most_samples;
+    size_t sum = 0;
+    for (size_t i = 0; i < samples; ++i) {
+        double middle[3];
+        pci_triangle_middle(bvh->mesh, i * (count / samples), middle);
+        for (size_t t = 0; t < count; ++t) {
+            sum += !bvh->duplicate[t] && box_holds(bvh->mesh, t, middle);
         }
-        sum += bvh->duplicate[t] ? 0.0 : box_area(lower, upper, margin);
     }
-    return sum / box_area(origin, whole, margin);
+    return samples > 0 ? (double)sum / (double)samples : 0.0;
 }
 
 static enum RTCError build_scene(pc_context *context, const char *stage, pci_bvh *bvh,
@@ -186,7 +185,7 @@ pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *
     if (overlap > MOST_OVERLAP) {
         pci_bvh_destroy(context, created);
         return pci_fail(context, PC_ERROR_TOO_LARGE, stage,
-                        "%s: the triangles overlap each other %.0f times, at most %.0f", stage,
+                        "%s: the boxes of %.0f triangles hold the same point, at most %.0f", stage,
                         overlap, MOST_OVERLAP);
     }
 

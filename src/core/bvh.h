@@ -11,7 +11,7 @@ typedef struct pci_bvh pci_bvh;
 
 // The mesh must stay alive and unchanged. Degenerate triangles count as segments or points. Can be
 // cancelled, by the user of the running stage when that is `stage`. PC_ERROR_TOO_LARGE where the
-// triangles' boxes overlap so much that every search would visit thousands.
+// triangles lie in each other's boxes so much that most searches would visit thousands.
 PC_NODISCARD pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *mesh,
                                       pci_bvh **bvh);
 void pci_bvh_destroy(pc_context *context, pci_bvh *bvh); // NULL is accepted

@@ -9,7 +9,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     options.layer_source = choices % 3;
     options.carve = choices / 3 % 2 != 0;
     options.snap_border = choices / 6 % 2 != 0;
-    const double cell_size = 0.25 * soup_number(&bytes);
+    double cell_size = 0.25 * soup_number(&bytes);
+    if (cell_size > 0.1 && cell_size < 2.0) {
+        cell_size += 2.0; // edges are split to about that length
+    }
     pc_mesh surface = soup_any(&bytes), projected = soup_any(&bytes), layer = {0};
     pc_labels labels = {.vertex_count = projected.vertex_count,
                         .labels = soup_allocate(projected.vertex_count)};

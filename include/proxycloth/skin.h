@@ -167,12 +167,6 @@ PC_NODISCARD pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surf
                                         const pc_skin_options *options, pc_skin *skin,
                                         pc_skin_report *report);
 
-/// Baseline: each vertex follows the closest point of the proxy by its barycentric coordinates.
-/// @param[out] skin  zeroed on entry; K = 3.
-/// @return as pc_skin_optimize.
-PC_NODISCARD pc_status pc_skin_closest_triangle(pc_context *context, const pc_mesh *surface,
-                                                const pc_mesh *proxy, pc_skin *skin);
-
 /// Losses of equation (7) for given weights, sums over frames and vertices without normalisation.
 typedef struct pc_skin_losses {
     double rigid, collision, attachment;                ///< L_r, L_c, L_a

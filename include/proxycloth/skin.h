@@ -40,6 +40,9 @@
 ///   pass over the frames. It acts on the weights less half of the heat-smoothed ones, lest they
 ///   become too smooth.
 /// - The weights start from the heat-smoothed ones.
+/// - Vertices that an edge shorter than a hundredth of the mean joins have one row of weights: what
+///   lies between them would be stretched to a multiple by the least difference. The losses of the
+///   report are those with such vertices as one.
 /// DEVIATION: the candidates of a vertex are the corners of the closest proxy triangle, with the
 /// default solver what its heat-smoothed weights follow, and then the nearest proxy vertices: the
 /// nearest alone may all lie on another layer.

@@ -40,6 +40,9 @@
 ///   pass over the frames. It acts on the weights less half of the heat-smoothed ones, lest they
 ///   become too smooth.
 /// - The weights start from the heat-smoothed ones.
+/// - Vertices that an edge shorter than a hundredth of the mean joins have one row of weights: what
+///   lies between them would be stretched to a multiple by the least difference. The losses of the
+///   report are those with such vertices as one.
 /// DEVIATION: the candidates of a vertex are the corners of the closest proxy triangle, with the
 /// default solver what its heat-smoothed weights follow, and then the nearest proxy vertices: the
 /// nearest alone may all lie on another layer.
@@ -166,12 +169,6 @@ PC_NODISCARD pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surf
                                         const pc_mesh *proxy, const pc_motion *motion,
                                         const pc_skin_options *options, pc_skin *skin,
                                         pc_skin_report *report);
-
-/// Baseline: each vertex follows the closest point of the proxy by its barycentric coordinates.
-/// @param[out] skin  zeroed on entry; K = 3.
-/// @return as pc_skin_optimize.
-PC_NODISCARD pc_status pc_skin_closest_triangle(pc_context *context, const pc_mesh *surface,
-                                                const pc_mesh *proxy, pc_skin *skin);
 
 /// Losses of equation (7) for given weights, sums over frames and vertices without normalisation.
 typedef struct pc_skin_losses {

@@ -4,6 +4,7 @@
 #include "core/topology.h"
 #include "proxycloth/baselines.h"
 #include "stages/skin_coarse.h"
+#include "stages/weight_rows.h"
 
 static const char stage[] = "skin";
 
@@ -43,22 +44,6 @@ static double phase_begin(const course *c, uint32_t phase) {
 
 static uint32_t phase_share(const course *c, uint32_t count, uint32_t phase) {
     return (uint32_t)round(c->ends[phase] * count) - (uint32_t)round(phase_begin(c, phase) * count);
-}
-
-void pci_skin_sort_row(uint32_t *bones, double *weights, uint32_t count) {
-    for (uint32_t i = 1; i < count; ++i) {
-        const uint32_t bone = bones[i];
-        const double weight = weights[i];
-        uint32_t at = i;
-        for (; at > 0 &&
-               (weights[at - 1] < weight || (weights[at - 1] == weight && bones[at - 1] > bone));
-             --at) {
-            bones[at] = bones[at - 1];
-            weights[at] = weights[at - 1];
-        }
-        bones[at] = bone;
-        weights[at] = weight;
-    }
 }
 
 // Leaves the `kept` heaviest slots of each row.

@@ -1,4 +1,5 @@
 // What single options of the weights are for, one test each.
+#include "proxycloth/baselines.h"
 #include "stages/skin_internal.h"
 #include "support/skin_fixture.h"
 #include "support/tube.h"

@@ -1,3 +1,4 @@
+#include "proxycloth/baselines.h"
 #include "proxycloth/evaluate_motion.h"
 #include "stages/skin_alternate.h"
 #include "stages/skin_coarse.h"

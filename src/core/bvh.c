@@ -18,6 +18,10 @@
 // mean nothing; such a query visits every triangle.
 #define FARTHEST_POINT 1e6
 
+// Larger meshes have more triangles than anybody asks points for: a tree that is built quickly
+// pays.
+#define MOST_CAREFUL 65536
+
 struct pci_bvh {
     const pc_mesh *mesh;
     uint8_t *duplicate; // #F: the triangle repeats an earlier one and is left out
@@ -34,13 +38,17 @@ static const double *corner(const pc_mesh *mesh, size_t triangle, size_t c) {
 
 static void bound_triangle(const struct RTCBoundsFunctionArguments *arguments) {
     const pci_bvh *bvh = arguments->geometryUserPtr;
+    const double *corners[3];
     float lower[3], upper[3];
+    for (size_t c = 0; c < 3; ++c) {
+        corners[c] = corner(bvh->mesh, arguments->primID, c);
+    }
     for (size_t k = 0; k < 3; ++k) {
-        double least = INFINITY, most = -INFINITY;
-        for (size_t c = 0; c < 3; ++c) {
-            const double x = corner(bvh->mesh, arguments->primID, c)[k];
-            least = fmin(least, x);
-            most = fmax(most, x);
+        double least = corners[0][k], most = least;
+        for (size_t c = 1; c < 3; ++c) {
+            const double x = corners[c][k];
+            least = x < least ? x : least;
+            most = x > most ? x : most;
         }
         lower[k] = (float)((least - bvh->centre[k]) * bvh->scale - PADDING);
         upper[k] = (float)((most - bvh->centre[k]) * bvh->scale + PADDING);
@@ -78,16 +86,20 @@ static bool normalise_space(pci_bvh *bvh) {
     const pc_mesh *mesh = bvh->mesh;
     double side = 0.0;
     for (size_t k = 0; k < 3; ++k) {
-        bvh->minimum[k] = INFINITY;
-        bvh->maximum[k] = -INFINITY;
-        for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
-            const double x = mesh->positions[3 * (size_t)mesh->triangles[i] + k];
-            if (!isfinite(x)) {
+        bvh->minimum[k] = HUGE_VAL;
+        bvh->maximum[k] = -HUGE_VAL;
+    }
+    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
+        const double *at = &mesh->positions[3 * (size_t)mesh->triangles[i]];
+        for (size_t k = 0; k < 3; ++k) {
+            if (!isfinite(at[k])) {
                 return false;
             }
-            bvh->minimum[k] = fmin(bvh->minimum[k], x);
-            bvh->maximum[k] = fmax(bvh->maximum[k], x);
+            bvh->minimum[k] = at[k] < bvh->minimum[k] ? at[k] : bvh->minimum[k];
+            bvh->maximum[k] = at[k] > bvh->maximum[k] ? at[k] : bvh->maximum[k];
         }
+    }
+    for (size_t k = 0; k < 3; ++k) {
         bvh->centre[k] = 0.5 * (bvh->minimum[k] + bvh->maximum[k]);
         side = fmax(side, bvh->maximum[k] - bvh->minimum[k]);
     }
@@ -108,6 +120,9 @@ static enum RTCError build_scene(pc_context *context, const char *stage, pci_bvh
     rtcSetGeometryBoundsFunction(geometry, bound_triangle, NULL);
     rtcSetGeometryIntersectFunction(geometry, intersect_triangle);
     rtcCommitGeometry(geometry);
+    if (bvh->mesh->triangle_count > MOST_CAREFUL) {
+        rtcSetSceneBuildQuality(bvh->scene, RTC_BUILD_QUALITY_LOW);
+    }
     rtcAttachGeometry(bvh->scene, geometry);
     rtcReleaseGeometry(geometry);
     if (context->stage != NULL && strcmp(context->stage, stage) == 0) {

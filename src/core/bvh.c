@@ -18,14 +18,18 @@
 // mean nothing; such a query visits every triangle.
 #define FARTHEST_POINT 1e6
 
-// A search visits about as many triangles as the boxes of all triangles together have times the
-// area of the box around them. Garments stay below 10; far above, nearly everything is visited each
-// time.
+// A search on the mesh visits as many triangles as there are boxes that hold its point: a handful
+// in a garment. Where it is thousands, searches for all vertices or triangles take minutes.
 #define MOST_OVERLAP 1000.0
+
+// Larger meshes have more triangles than anybody asks points for: a tree that is built quickly
+// pays.
+#define MOST_CAREFUL 65536
 
 struct pci_bvh {
     const pc_mesh *mesh;
     uint8_t *duplicate; // #F: the triangle repeats an earlier one and is left out
+    bool repeats;       // some are left out
     RTCScene scene;
     double minimum[3], maximum[3]; // of the triangles
     double centre[3];
@@ -38,13 +42,17 @@ static const double *corner(const pc_mesh *mesh, size_t triangle, size_t c) {
 
 static void bound_triangle(const struct RTCBoundsFunctionArguments *arguments) {
     const pci_bvh *bvh = arguments->geometryUserPtr;
+    const double *corners[3];
     float lower[3], upper[3];
+    for (size_t c = 0; c < 3; ++c) {
+        corners[c] = corner(bvh->mesh, arguments->primID, c);
+    }
     for (size_t k = 0; k < 3; ++k) {
-        double least = INFINITY, most = -INFINITY;
-        for (size_t c = 0; c < 3; ++c) {
-            const double x = corner(bvh->mesh, arguments->primID, c)[k];
-            least = fmin(least, x);
-            most = fmax(most, x);
+        double least = corners[0][k], most = least;
+        for (size_t c = 1; c < 3; ++c) {
+            const double x = corners[c][k];
+            least = x < least ? x : least;
+            most = x > most ? x : most;
         }
         lower[k] = (float)((least - bvh->centre[k]) * bvh->scale - PADDING);
         upper[k] = (float)((most - bvh->centre[k]) * bvh->scale + PADDING);
@@ -82,16 +90,20 @@ static bool normalise_space(pci_bvh *bvh) {
     const pc_mesh *mesh = bvh->mesh;
     double side = 0.0;
     for (size_t k = 0; k < 3; ++k) {
-        bvh->minimum[k] = INFINITY;
-        bvh->maximum[k] = -INFINITY;
-        for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
-            const double x = mesh->positions[3 * (size_t)mesh->triangles[i] + k];
-            if (!isfinite(x)) {
+        bvh->minimum[k] = HUGE_VAL;
+        bvh->maximum[k] = -HUGE_VAL;
+    }
+    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
+        const double *at = &mesh->positions[3 * (size_t)mesh->triangles[i]];
+        for (size_t k = 0; k < 3; ++k) {
+            if (!isfinite(at[k])) {
                 return false;
             }
-            bvh->minimum[k] = fmin(bvh->minimum[k], x);
-            bvh->maximum[k] = fmax(bvh->maximum[k], x);
+            bvh->minimum[k] = at[k] < bvh->minimum[k] ? at[k] : bvh->minimum[k];
+            bvh->maximum[k] = at[k] > bvh->maximum[k] ? at[k] : bvh->maximum[k];
         }
+    }
+    for (size_t k = 0; k < 3; ++k) {
         bvh->centre[k] = 0.5 * (bvh->minimum[k] + bvh->maximum[k]);
         side = fmax(side, bvh->maximum[k] - bvh->minimum[k]);
     }
@@ -140,6 +152,9 @@ static enum RTCError build_scene(pc_context *context, const char *stage, pci_bvh
     rtcSetGeometryBoundsFunction(geometry, bound_triangle, NULL);
     rtcSetGeometryIntersectFunction(geometry, intersect_triangle);
     rtcCommitGeometry(geometry);
+    if (bvh->mesh->triangle_count > MOST_CAREFUL) {
+        rtcSetSceneBuildQuality(bvh->scene, RTC_BUILD_QUALITY_LOW);
+    }
     rtcAttachGeometry(bvh->scene, geometry);
     rtcReleaseGeometry(geometry);
     if (context->stage != NULL && strcmp(context->stage, stage) == 0) {
@@ -150,12 +165,8 @@ static enum RTCError build_scene(pc_context *context, const char *stage, pci_bvh
     return rtcGetDeviceError(device);
 }
 
-pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *mesh,
-                         pci_bvh **bvh) {
-    *bvh = mesh == context->shared_mesh ? context->shared_bvh : NULL;
-    if (*bvh != NULL) {
-        return PC_OK;
-    }
+static pc_status build_tree(pc_context *context, const char *stage, const pc_mesh *mesh,
+                            pci_bvh **bvh) {
     if (mesh->triangle_count >= PC_INVALID_INDEX) {
         return pci_fail(context, PC_ERROR_TOO_LARGE, stage, "%s: %zu triangles are too many", stage,
                         mesh->triangle_count);
@@ -175,6 +186,7 @@ pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *
         pci_bvh_destroy(context, created);
         return pci_fail_memory(context, stage);
     }
+    created->repeats = memchr(created->duplicate, 1, mesh->triangle_count) != NULL;
     if (!normalise_space(created)) {
         pci_bvh_destroy(context, created);
         return pci_fail(context, PC_ERROR_NUMERICAL, stage,
@@ -203,11 +215,68 @@ pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *
                         stage, (int)error);
     }
     *bvh = created;
-    if (mesh == context->shared_mesh) {
-        context->shared_bvh = created;
-    }
     return PC_OK;
 }
+
+// Whether both meshes have the same triangles in the same order, though maybe under other vertex
+// indices or facing the other way: what repairing a mesh leaves of one that needs none.
+static bool same_triangles(const pc_mesh *a, const pc_mesh *b) {
+    if (a->triangle_count != b->triangle_count) {
+        return false;
+    }
+    bool same = true;
+    for (size_t t = 0; t < a->triangle_count && same; ++t) {
+        const double *p[3], *q[3];
+        for (size_t c = 0; c < 3; ++c) {
+            p[c] = corner(a, t, c);
+            q[c] = corner(b, t, c);
+        }
+        const bool turned = pci_squared_distance(p[1], q[1]) != 0.0;
+        same = pci_squared_distance(p[0], q[0]) == 0.0 &&
+               pci_squared_distance(p[1], q[turned ? 2 : 1]) == 0.0 &&
+               pci_squared_distance(p[2], q[turned ? 1 : 2]) == 0.0;
+    }
+    return same;
+}
+
+// The shared tree, for a mesh with the same triangles.
+static pc_status borrow_shared(pc_context *context, const char *stage, const pc_mesh *mesh,
+                               pci_bvh **bvh) {
+    pci_bvh *borrowed = PCI_ALLOCATE(context, pci_bvh, 1);
+    if (borrowed == NULL) {
+        return pci_fail_memory(context, stage);
+    }
+    *borrowed = *context->shared_bvh;
+    borrowed->mesh = mesh;
+    borrowed->duplicate = NULL; // asked for while the tree is built only
+    rtcRetainScene(borrowed->scene);
+    *bvh = borrowed;
+    return PC_OK;
+}
+
+pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *mesh,
+                         pci_bvh **bvh) {
+    const pc_mesh *shared = context->shared_mesh;
+    *bvh = NULL;
+    if (shared == NULL || (mesh != shared && !same_triangles(mesh, shared))) {
+        return build_tree(context, stage, mesh, bvh);
+    }
+    if (context->shared_bvh == NULL) {
+        const pc_status status = build_tree(context, stage, shared, &context->shared_bvh);
+        if (status != PC_OK) {
+            return status;
+        }
+    }
+    if (mesh == shared) {
+        *bvh = context->shared_bvh;
+        return PC_OK;
+    }
+    // Repetitions that are left out are some that the other mesh may keep apart.
+    return context->shared_bvh->repeats ? build_tree(context, stage, mesh, bvh)
+                                        : borrow_shared(context, stage, mesh, bvh);
+}
+
+bool pci_bvh_shares(const pc_context *context) { return context->shared_mesh != NULL; }
 
 void pci_bvh_share(pc_context *context, const pc_mesh *mesh) {
     pci_bvh *last = context->shared_bvh;

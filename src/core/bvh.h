@@ -16,9 +16,11 @@ PC_NODISCARD pc_status pci_bvh_create(pc_context *context, const char *stage, co
                                       pci_bvh **bvh);
 void pci_bvh_destroy(pc_context *context, pci_bvh *bvh); // NULL is accepted
 
-// From now on one tree of this very mesh serves all that create one, until this is called with
-// another mesh or NULL. Between the calls the mesh must stay alive and unchanged.
+// From now on one tree of this mesh, built when it is first needed, serves all that create one of it
+// or of a mesh with the same triangles in the same order, until this is called with another mesh or
+// NULL. Between the calls the mesh must stay alive and unchanged.
 void pci_bvh_share(pc_context *context, const pc_mesh *mesh);
+bool pci_bvh_shares(const pc_context *context); // whether there is such a mesh
 
 typedef struct pci_closest {
     uint32_t triangle; // PC_INVALID_INDEX: nothing within the radius

@@ -4,6 +4,7 @@
 
 #include "core/clock.h"
 #include "core/topology.h"
+#include "support/surfaces.h"
 #include "support/test.h"
 
 // A soup of random triangles in a cube of side `size` around `offset`: large and small ones,
@@ -605,6 +606,49 @@ static void shared_trees_are_built_once(void **state) {
     pc_context_destroy(context);
 }
 
+// Other indices and the other side of the same triangles: answers are those of a tree of their own,
+// also after the sharing has ended.
+static void same_triangles_borrow_the_shared_tree(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh sphere = test_sphere(context, 3), turned = test_sphere(context, 3);
+    for (size_t t = 0; t < turned.triangle_count; ++t) {
+        uint32_t *corner = &turned.triangles[3 * t], second = corner[1];
+        corner[1] = corner[2];
+        corner[2] = second;
+    }
+    for (size_t moved = 0; moved < 2; ++moved) {
+        pci_bvh *borrowed, *own;
+        turned.positions[0] += 0.25 * (double)moved;
+        pci_bvh_share(context, &sphere);
+        assert_true(pci_bvh_shares(context));
+        assert_ok(context, pci_bvh_create(context, "test", &turned, &borrowed));
+        pci_bvh_share(context, NULL);
+        assert_false(pci_bvh_shares(context));
+        assert_ok(context, pci_bvh_create(context, "test", &turned, &own));
+        for (uint64_t i = 0; i < 200; ++i) {
+            double point[3];
+            for (uint64_t k = 0; k < 3; ++k) {
+                point[k] = 3.0 * pci_random(7, i, k) - 1.5;
+            }
+            const pci_closest a = pci_bvh_closest(borrowed, point, INFINITY);
+            const pci_closest b = pci_bvh_closest(own, point, INFINITY);
+            assert_memory_equal(&a, &b, sizeof(a));
+            const pci_hit hit =
+                pci_bvh_cast(borrowed, point, (double[3]){0, 0, 1}, 0.0, 9.0, NULL, NULL);
+            const pci_hit other =
+                pci_bvh_cast(own, point, (double[3]){0, 0, 1}, 0.0, 9.0, NULL, NULL);
+            assert_int_equal(hit.triangle, other.triangle);
+            assert_int_equal(hit.back_face, other.back_face);
+        }
+        pci_bvh_destroy(context, borrowed);
+        pci_bvh_destroy(context, own);
+    }
+    pc_mesh_free(context, &sphere);
+    pc_mesh_free(context, &turned);
+    pc_context_destroy(context);
+}
+
 static void *no_memory(void *user, size_t size) { return *(bool *)user ? NULL : malloc(size); }
 
 static void plain_free(void *user, void *memory) {
@@ -701,6 +745,7 @@ int main(void) {
         cmocka_unit_test(degenerate_meshes_work),
         cmocka_unit_test(crowded_meshes_are_refused),
         cmocka_unit_test(shared_trees_are_built_once),
+        cmocka_unit_test(same_triangles_borrow_the_shared_tree),
         cmocka_unit_test(lack_of_memory_is_reported),
         cmocka_unit_test(building_can_be_cancelled),
         cmocka_unit_test(watched_topology_can_be_cancelled),

@@ -2,6 +2,7 @@
 #include "import_reader.h"
 
 #include <math.h>
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -175,14 +176,34 @@ void import_weights(scene_reader *reader, const struct aiMesh *mesh, const node_
     }
 }
 
-static void key_vector(const struct aiVectorKey *keys, unsigned count, double time, double out[3]) {
-    unsigned next = 0;
-    while (next < count && keys[next].mTime <= time) {
-        ++next;
+// The keys before and after a time, `from` and `to`, and how far it is between them, 0..1. A key of
+// either type, `size` bytes, begins with its time; their times rise.
+_Static_assert(offsetof(struct aiVectorKey, mTime) == 0 && offsetof(struct aiQuatKey, mTime) == 0,
+               "keys begin with their time");
+static double find_keys(const void *keys, size_t size, unsigned count, double time, unsigned *from,
+                        unsigned *to) {
+    unsigned low = 0, high = count; // the first key after the time is within
+    double times[2];
+    while (low < high) {
+        const unsigned middle = low + (high - low) / 2;
+        memcpy(&times[0], (const char *)keys + middle * size, sizeof(times[0]));
+        if (times[0] <= time) {
+            low = middle + 1;
+        } else {
+            high = middle;
+        }
     }
-    const struct aiVectorKey *a = &keys[next > 0 ? next - 1 : 0];
-    const struct aiVectorKey *b = &keys[next < count ? next : count - 1];
-    const double share = b->mTime > a->mTime ? (time - a->mTime) / (b->mTime - a->mTime) : 0.0;
+    *from = low > 0 ? low - 1 : 0;
+    *to = low < count ? low : count - 1;
+    memcpy(&times[0], (const char *)keys + *from * size, sizeof(times[0]));
+    memcpy(&times[1], (const char *)keys + *to * size, sizeof(times[1]));
+    return times[1] > times[0] ? (time - times[0]) / (times[1] - times[0]) : 0.0;
+}
+
+static void key_vector(const struct aiVectorKey *keys, unsigned count, double time, double out[3]) {
+    unsigned before, after;
+    const double share = find_keys(keys, sizeof(*keys), count, time, &before, &after);
+    const struct aiVectorKey *a = &keys[before], *b = &keys[after];
     const double from[3] = {(double)a->mValue.x, (double)a->mValue.y, (double)a->mValue.z};
     const double to[3] = {(double)b->mValue.x, (double)b->mValue.y, (double)b->mValue.z};
     for (size_t k = 0; k < 3; ++k) {
@@ -193,13 +214,9 @@ static void key_vector(const struct aiVectorKey *keys, unsigned count, double ti
 // A unit quaternion x, y, z, w: linear between the keys, on the shorter way, then normalised; keys
 // are dense enough for that.
 static void key_rotation(const struct aiQuatKey *keys, unsigned count, double time, double q[4]) {
-    unsigned next = 0;
-    while (next < count && keys[next].mTime <= time) {
-        ++next;
-    }
-    const struct aiQuatKey *a = &keys[next > 0 ? next - 1 : 0];
-    const struct aiQuatKey *b = &keys[next < count ? next : count - 1];
-    double share = b->mTime > a->mTime ? (time - a->mTime) / (b->mTime - a->mTime) : 0.0;
+    unsigned before, after;
+    const double share = find_keys(keys, sizeof(*keys), count, time, &before, &after);
+    const struct aiQuatKey *a = &keys[before], *b = &keys[after];
     const double from[4] = {(double)a->mValue.x, (double)a->mValue.y, (double)a->mValue.z,
                             (double)a->mValue.w};
     const double to[4] = {(double)b->mValue.x, (double)b->mValue.y, (double)b->mValue.z,

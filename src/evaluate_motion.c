@@ -6,6 +6,7 @@
 #include "core/crossing.h"
 #include "core/rotation.h"
 #include "core/topology.h"
+#include "proxycloth/baselines.h"
 
 static const char stage[] = "evaluate";
 

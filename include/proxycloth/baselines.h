@@ -1,7 +1,6 @@
 /// Skinning weights without optimisation, to compare with.
 ///
-/// They depend on the two rest poses only. pc_skin_closest_triangle (proxycloth/skin.h) is the
-/// third of the kind, and what surface-deform tools of modelling programs do.
+/// They depend on the two rest poses only.
 #ifndef PROXYCLOTH_BASELINES_H
 #define PROXYCLOTH_BASELINES_H
 
@@ -19,6 +18,13 @@ extern "C" {
 PC_NODISCARD pc_status pc_skin_inverse_distance(pc_context *context, const pc_mesh *surface,
                                                 const pc_mesh *proxy, uint32_t influences,
                                                 pc_skin *skin);
+
+/// Each vertex follows the closest point of the proxy by its barycentric coordinates: what
+/// surface-deform tools of modelling programs do.
+/// @param[out] skin  zeroed on entry; K = 3, rows by falling weight, sum 1.
+/// @return as pc_skin_inverse_distance; PC_ERROR_NUMERICAL; PC_ERROR_DEPENDENCY (Embree).
+PC_NODISCARD pc_status pc_skin_closest_triangle(pc_context *context, const pc_mesh *surface,
+                                                const pc_mesh *proxy, pc_skin *skin);
 
 /// Closest-triangle weights W, smoothed over the visual mesh by an implicit step of heat flow:
 /// (M + t L) X = M W, with the cotangent Laplacian L of the visual mesh (cotangents below 0 count

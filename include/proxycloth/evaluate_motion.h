@@ -4,13 +4,11 @@
 /// Lengths in the measures are relative to rest lengths or to the diagonal D of the visual mesh's
 /// bounding box; so nothing depends on the unit or on the number of frames.
 /// - L_r, L_c: equations (8) and (9) as pc_skin_evaluate gives them, divided by the number of
-/// frames
-///   and by the sum of the squared rest lengths of their edges. 0: every 1-ring (neighbourhood)
-///   moves rigidly.
+///   frames and by the sum of the squared rest lengths of their edges. 0: every 1-ring
+///   (neighbourhood) moves rigidly.
 /// - Strain: | length / rest length - 1 | over all edges of the visual mesh and all frames; the
-/// mean,
-///   and the 95th percentile (exact within 0.05 %). Edges of no length are left out. The proxy
-///   itself stretches, so 0 is out of reach.
+///   mean, and the 95th percentile (exact within 0.05 %). Edges of no length are left out. The
+///   proxy itself stretches, so 0 is out of reach.
 /// - Folded triangles: those with a neighbour across an edge whose normal differs by more than 90
 ///   degrees, where it did not at rest; share of all triangles, mean over the frames. Edges of
 ///   other than two triangles and triangles without area are left out; the winding does not matter.
@@ -20,8 +18,7 @@
 ///   vertex) with pinned vertices only, the distance from where that point's motion takes them,
 ///   over D; mean over these vertices and the frames, and the largest.
 /// - Motion ratio: sum of the distances from rest over all vertices and frames, over the same sum
-/// if
-///   each vertex moved as its closest point of the proxy does. Below 1: the weights damp the
+///   if each vertex moved as its closest point of the proxy does. Below 1: the weights damp the
 ///   motion.
 #ifndef PROXYCLOTH_EVALUATE_MOTION_H
 #define PROXYCLOTH_EVALUATE_MOTION_H

@@ -83,34 +83,40 @@ static void wing_direction(const pc_mesh *mesh, uint32_t h, double wing[3]) {
     pci_normalize(wing);
 }
 
+// The half-edges of the first living triangles at an edge. More than `most_wings` are no cloth.
+enum { most_wings = 64 };
+static size_t list_wings(const repair *r, size_t e, uint32_t half[most_wings],
+                         double wing[most_wings][3]) {
+    const pci_topology *topology = &r->topology;
+    const size_t end = topology->edge_triangle_offsets[e + 1];
+    size_t count = 0;
+    for (size_t i = topology->edge_triangle_offsets[e]; i < end && count < most_wings; ++i) {
+        const uint32_t t = topology->edge_triangles[i];
+        if (r->alive[t]) {
+            half[count] = 3 * t;
+            while (topology->triangle_edges[half[count]] != e) {
+                ++half[count];
+            }
+            wing_direction(r->mesh, half[count], wing[count]);
+            ++count;
+        }
+    }
+    return count;
+}
+
 // Joins at every edge the two living triangles that continue each other best.
 static void glue_edges(repair *r) {
-    const pci_topology *topology = &r->topology;
     memset(r->glued, 0xff, 3 * r->mesh->triangle_count * sizeof(*r->glued));
-    for (size_t e = 0; e < topology->edge_count; ++e) {
-        const size_t begin = topology->edge_triangle_offsets[e];
-        const size_t end = topology->edge_triangle_offsets[e + 1];
-        uint32_t best[2] = {PC_INVALID_INDEX, PC_INVALID_INDEX};
-        double flattest = INFINITY;
-        for (size_t i = begin; i < end; ++i) {
-            for (size_t j = i + 1; j < end && r->alive[topology->edge_triangles[i]]; ++j) {
-                const uint32_t pair[2] = {topology->edge_triangles[i], topology->edge_triangles[j]};
-                if (!r->alive[pair[1]]) {
-                    continue;
-                }
-                uint32_t half[2];
-                double wing[2][3];
-                for (size_t s = 0; s < 2; ++s) {
-                    half[s] = 3 * pair[s];
-                    while (topology->triangle_edges[half[s]] != e) {
-                        ++half[s];
-                    }
-                    wing_direction(r->mesh, half[s], wing[s]);
-                }
-                const double bend = pci_dot(wing[0], wing[1]); // -1 is flat
+    for (size_t e = 0; e < r->topology.edge_count; ++e) {
+        uint32_t half[most_wings], best[2] = {PC_INVALID_INDEX, PC_INVALID_INDEX};
+        double wing[most_wings][3], flattest = INFINITY;
+        const size_t count = list_wings(r, e, half, wing);
+        for (size_t i = 0; i < count; ++i) {
+            for (size_t j = i + 1; j < count; ++j) {
+                const double bend = pci_dot(wing[i], wing[j]); // -1 is flat
                 if (bend < flattest) {
                     flattest = bend;
-                    memcpy(best, half, sizeof(best));
+                    best[0] = half[i], best[1] = half[j];
                 }
             }
         }

@@ -3,6 +3,7 @@
 #include "core/knn.h"
 #include "core/sparse.h"
 #include "core/topology.h"
+#include "stages/weight_rows.h"
 
 static const char stage[] = "baselines";
 
@@ -23,15 +24,6 @@ static pc_status check(pc_context *context, const pc_mesh *surface, const pc_mes
     return status;
 }
 
-static bool allocate_rows(pc_context *context, size_t vertex_count, uint32_t influences,
-                          pc_skin *skin) {
-    skin->vertex_count = vertex_count;
-    skin->influences = influences;
-    skin->bones = PCI_ALLOCATE(context, uint32_t, vertex_count * influences);
-    skin->weights = PCI_ALLOCATE(context, double, vertex_count *influences);
-    return skin->bones != NULL && skin->weights != NULL;
-}
-
 // Puts a weight into a row of the largest ones, which falls; ties stay in order of insertion.
 static void insert(uint32_t *bones, double *weights, uint32_t slots, uint32_t bone, double weight) {
     uint32_t at = slots;
@@ -48,18 +40,40 @@ static void insert(uint32_t *bones, double *weights, uint32_t slots, uint32_t bo
     }
 }
 
-static void scale_rows(pc_skin *skin) {
-    for (size_t v = 0; v < skin->vertex_count; ++v) {
-        uint32_t *bones = &skin->bones[v * skin->influences];
-        double *weights = &skin->weights[v * skin->influences], sum = 0.0;
-        for (uint32_t k = 0; k < skin->influences; ++k) {
-            sum += weights[k];
-        }
-        for (uint32_t k = 0; k < skin->influences; ++k) {
-            weights[k] /= sum;
-            bones[k] = weights[k] > 0.0 ? bones[k] : bones[0];
-        }
+static pc_status finish(pc_context *context, pc_status status, pc_skin *skin) {
+    if (status == PC_OK && !pci_skin_scale_rows(skin)) {
+        status =
+            pci_fail(context, PC_ERROR_NUMERICAL, stage, "%s: weights that are not finite", stage);
     }
+    if (status != PC_OK) {
+        pc_skin_free(context, skin);
+    }
+    return status;
+}
+
+pc_status pc_skin_closest_triangle(pc_context *context, const pc_mesh *surface,
+                                   const pc_mesh *proxy, pc_skin *skin) {
+    pc_status status = check(context, surface, proxy, 3, skin);
+    if (status != PC_OK) {
+        return status;
+    }
+    const size_t nv = surface->vertex_count;
+    pci_scratch scratch = pci_scratch_begin(context);
+    pci_closest *closest = PCI_SCRATCH(&scratch, pci_closest, nv);
+    status = closest != NULL && pci_skin_allocate(context, nv, 3, skin)
+                 ? pci_closest_points(context, stage, surface, proxy, closest)
+                 : pci_fail_memory(context, stage);
+    for (size_t v = 0; status == PC_OK && v < nv; ++v) {
+        uint32_t *bones = &skin->bones[3 * v];
+        double *weights = &skin->weights[3 * v];
+        for (size_t c = 0; c < 3; ++c) {
+            bones[c] = proxy->triangles[3 * (size_t)closest[v].triangle + c];
+            weights[c] = closest[v].barycentric[c] > 0.0 ? closest[v].barycentric[c] : 0.0;
+        }
+        pci_skin_sort_row(bones, weights, 3);
+    }
+    pci_scratch_end(&scratch);
+    return finish(context, status, skin);
 }
 
 pc_status pc_skin_inverse_distance(pc_context *context, const pc_mesh *surface,
@@ -73,12 +87,11 @@ pc_status pc_skin_inverse_distance(pc_context *context, const pc_mesh *surface,
     const double spare = 1e-6 * pci_diagonal(proxy);
     pci_scratch scratch = pci_scratch_begin(context);
     pci_knn knn;
-    if (!allocate_rows(context, surface->vertex_count, slots, skin) ||
+    if (!pci_skin_allocate(context, surface->vertex_count, slots, skin) ||
         !pci_knn_build(&scratch, proxy->vertex_count, proxy->positions, &knn)) {
         status = pci_fail_memory(context, stage);
-        pc_skin_free(context, skin);
     }
-    for (size_t v = 0; v < skin->vertex_count; ++v) {
+    for (size_t v = 0; status == PC_OK && v < skin->vertex_count; ++v) {
         double *weights = &skin->weights[v * slots];
         pci_knn_query(&knn, &surface->positions[3 * v], slots, PC_INVALID_INDEX,
                       &skin->bones[v * slots], weights);
@@ -86,9 +99,8 @@ pc_status pc_skin_inverse_distance(pc_context *context, const pc_mesh *surface,
             weights[k] = 1.0 / (sqrt(weights[k]) + spare + 1e-300); // all may be 0
         }
     }
-    scale_rows(skin);
     pci_scratch_end(&scratch);
-    return status;
+    return finish(context, status, skin);
 }
 
 // ---- heat ---------------------------------------------------------------------------------------
@@ -237,16 +249,11 @@ pc_status pc_skin_heat_smoothed(pc_context *context, const pc_mesh *surface, con
     if (built) {
         const double reach = 0.25 * mean_edge_length(proxy, &topology);
         built = build_heat(&scratch, surface, reach * reach, &h) &&
-                allocate_rows(context, surface->vertex_count, influences, skin);
+                pci_skin_allocate(context, surface->vertex_count, influences, skin);
     }
     status = built ? flow(context, &h, &closest, proxy->vertex_count, skin)
                    : pci_fail_memory(context, stage);
-    if (status == PC_OK) {
-        scale_rows(skin);
-    } else {
-        pc_skin_free(context, skin);
-    }
     pci_scratch_end(&scratch);
     pc_skin_free(context, &closest);
-    return status;
+    return finish(context, status, skin);
 }

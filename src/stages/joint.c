@@ -3,6 +3,7 @@
 #include "core/heap.h"
 #include "core/quadric.h"
 #include "core/topology.h"
+#include "proxycloth/baselines.h"
 #include "proxycloth/simulate.h"
 #include "proxycloth/skin.h"
 

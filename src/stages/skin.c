@@ -3,6 +3,8 @@
 #include "core/rotation.h"
 #include "core/topology.h"
 #include "stages/skin_fit.h"
+#include "stages/skin_join.h"
+#include "stages/weight_rows.h"
 
 static const char stage[] = "skin";
 
@@ -41,6 +43,10 @@ static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_skin_options, least_motion, DOUBLE, 0.972, 0.0, 1.0, "",
                      "While the garment moves less than this share of the proxy's motion, "
                      "lambda_follow is raised; alternate only"),
+    PCI_FIELD_OPTION(pc_skin_options, most_strain, DOUBLE, 0.95, 0.0, 1000000.0, "",
+                     "While edges change their lengths by more than this share of what "
+                     "closest-triangle weights do to them, lambda_stretch is raised; alternate "
+                     "only"),
     PCI_FIELD_OPTION(pc_skin_options, motion_noise, DOUBLE, 0.003, 0.0, 1.0, "",
                      "Variance of a noise in the motion of the proxy's vertices, over that of the "
                      "motion itself, against weights that suit these frames only; alternate only"),
@@ -172,34 +178,6 @@ static pc_status set_driver(pci_scratch *scratch, pci_skin_problem *problem, con
 
 // ---- the result ---------------------------------------------------------------------------------
 
-// Makes rows of `count` sorted influences sum to 1; slots without weight repeat the first bone.
-static bool finish_rows(pc_skin *skin) {
-    for (size_t v = 0; v < skin->vertex_count; ++v) {
-        uint32_t *bones = &skin->bones[v * skin->influences];
-        double *weights = &skin->weights[v * skin->influences], sum = 0.0;
-        for (uint32_t k = 0; k < skin->influences; ++k) {
-            sum += weights[k];
-        }
-        if (!(sum > 0.0) || !isfinite(sum)) {
-            return false;
-        }
-        for (uint32_t k = 0; k < skin->influences; ++k) {
-            weights[k] /= sum;
-            bones[k] = weights[k] > 0.0 ? bones[k] : bones[0];
-        }
-    }
-    return true;
-}
-
-static bool allocate_skin(pc_context *context, size_t vertex_count, uint32_t influences,
-                          pc_skin *skin) {
-    skin->vertex_count = vertex_count;
-    skin->influences = influences;
-    skin->bones = PCI_ALLOCATE(context, uint32_t, vertex_count * influences);
-    skin->weights = PCI_ALLOCATE(context, double, vertex_count *influences);
-    return skin->bones != NULL && skin->weights != NULL;
-}
-
 static pc_status prepare(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *proxy,
                          const pc_motion *motion, pci_skin_fit *f) {
     const pc_skin_options *o = f->options;
@@ -225,7 +203,7 @@ static pc_status prepare(pci_scratch *scratch, const pc_mesh *surface, const pc_
     if (scratch->failed) {
         return pci_fail_memory(f->context, stage);
     }
-    pc_status status = pci_skin_closest_points(f->context, surface, proxy, f->closest);
+    pc_status status = pci_closest_points(f->context, stage, surface, proxy, f->closest);
     if (status == PC_OK && o->solver == PC_SKIN_ALTERNATE) {
         status = pci_skin_follow_proxy(f->context, surface, proxy, &f->followed);
     }
@@ -242,22 +220,24 @@ static pc_status prepare(pci_scratch *scratch, const pc_mesh *surface, const pc_
     return set_driver(scratch, &f->problem, proxy, motion, o->skinning);
 }
 
-static pc_status write_result(pci_scratch *scratch, const pci_skin_fit *f, pc_skin *skin,
-                              pc_skin_report *report) {
+// `rows`: of pci_skin_join.
+static pc_status write_result(pci_scratch *scratch, const pci_skin_fit *f, size_t vertex_count,
+                              const uint32_t *rows, pc_skin *skin, pc_skin_report *report) {
     const uint32_t kept = f->problem.slots, influences = f->options->influences;
     skin->skinning = f->options->skinning;
     uint8_t *used = PCI_SCRATCH(scratch, uint8_t, f->problem.proxy_count);
-    if (used == NULL || !allocate_skin(f->context, f->problem.vertex_count, influences, skin)) {
+    if (used == NULL || !pci_skin_allocate(f->context, vertex_count, influences, skin)) {
         return pci_fail_memory(f->context, stage);
     }
     for (size_t v = 0; v < skin->vertex_count; ++v) {
         uint32_t *bones = &skin->bones[v * influences];
         double *weights = &skin->weights[v * influences];
-        memcpy(bones, &f->bones[v * kept], kept * sizeof(*bones));
-        pci_skin_normalize(&f->weights[v * kept], kept, weights);
+        const size_t row = rows != NULL ? rows[v] : v;
+        memcpy(bones, &f->bones[row * kept], kept * sizeof(*bones));
+        pci_skin_normalize(&f->weights[row * kept], kept, weights);
         pci_skin_sort_row(bones, weights, kept);
     }
-    if (!finish_rows(skin)) {
+    if (!pci_skin_scale_rows(skin)) {
         return pci_fail(f->context, PC_ERROR_NUMERICAL, stage,
                         "skin: the weights left the finite numbers");
     }
@@ -286,15 +266,25 @@ pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface, const pc
     }
     pci_scratch scratch = pci_scratch_begin(context);
     pc_skin_report r = {0};
-    pci_skin_fit f = {
-        .context = context, .options = &chosen, .spatial_share = 1.0, .follow_share = 1.0};
-    status = prepare(&scratch, surface, proxy, motion, &f);
+    pci_skin_fit f = {.context = context,
+                      .options = &chosen,
+                      .spatial_share = 1.0,
+                      .follow_share = 1.0,
+                      .stretch_share = 1.0};
+    pc_mesh joined = *surface;
+    const uint32_t *rows = NULL;
+    if (chosen.solver == PC_SKIN_ALTERNATE && !pci_skin_join(&scratch, surface, &joined, &rows)) {
+        status = pci_fail_memory(context, stage);
+    }
+    if (status == PC_OK) {
+        status = prepare(&scratch, &joined, proxy, motion, &f);
+    }
     if (status == PC_OK) {
         status = chosen.solver == PC_SKIN_ADAMW ? pci_skin_fit_adamw(&scratch, &f, &r)
                                                 : pci_skin_fit_alternate(&scratch, &f, &r);
     }
     if (status == PC_OK) {
-        status = write_result(&scratch, &f, skin, &r);
+        status = write_result(&scratch, &f, surface->vertex_count, rows, skin, &r);
     }
     pc_skin_free(context, &f.followed);
     pci_scratch_end(&scratch);
@@ -306,44 +296,8 @@ pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface, const pc
     return status;
 }
 
-// ---- baseline, evaluation, deformation ---------------------------------------------------------
-
-pc_status pc_skin_closest_triangle(pc_context *context, const pc_mesh *surface,
-                                   const pc_mesh *proxy, pc_skin *skin) {
-    pc_status status = pci_check_mesh(context, stage, surface, "visual mesh");
-    if (status == PC_OK) {
-        status = pci_check_mesh(context, stage, proxy, "proxy mesh");
-    }
-    if (status != PC_OK) {
-        return status;
-    }
-    if (skin == NULL || skin->bones != NULL || skin->weights != NULL) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage, "skin: the output is not empty");
-    }
-    const size_t nv = surface->vertex_count;
-    pci_scratch scratch = pci_scratch_begin(context);
-    pci_closest *closest = PCI_SCRATCH(&scratch, pci_closest, nv);
-    status = closest != NULL && allocate_skin(context, nv, 3, skin)
-                 ? pci_skin_closest_points(context, surface, proxy, closest)
-                 : pci_fail_memory(context, stage);
-    for (size_t v = 0; status == PC_OK && v < nv; ++v) {
-        for (size_t c = 0; c < 3; ++c) {
-            skin->bones[3 * v + c] = proxy->triangles[3 * (size_t)closest[v].triangle + c];
-            skin->weights[3 * v + c] =
-                closest[v].barycentric[c] > 0.0 ? closest[v].barycentric[c] : 0.0;
-        }
-        pci_skin_sort_row(&skin->bones[3 * v], &skin->weights[3 * v], 3);
-    }
-    if (status == PC_OK && !finish_rows(skin)) {
-        status = pci_fail(context, PC_ERROR_NUMERICAL, stage,
-                          "skin: the closest points left the finite numbers");
-    }
-    pci_scratch_end(&scratch);
-    if (status != PC_OK) {
-        pc_skin_free(context, skin);
-    }
-    return status;
-}
+// ---- evaluation, deformation
+// ---------------------------------------------------------------------
 
 pc_status pc_skin_evaluate(pc_context *context, const pc_mesh *surface, const pc_mesh *proxy,
                            const pc_motion *motion, const pc_skin *skin,

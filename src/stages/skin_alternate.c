@@ -192,7 +192,7 @@ static void use_level(pci_skin_alternation *a, size_t level) {
     for (size_t x = 0; x < 4; ++x) {
         a->frames.data.scale[x] = a->scale[x] * a->grams[level].factor;
     }
-    a->quadratic.gram = a->grams[level].matrix;
+    pci_skin_quadratic_use(&a->quadratic, a->grams[level].matrix, a->frames.data.slots);
 }
 
 // Of all frames, from those of one level.
@@ -438,7 +438,8 @@ void pci_skin_alternation_compact(pci_skin_alternation *a, uint32_t kept, uint32
             a->allowed[v] = (uint32_t)(((uint64_t)1 << kept) - 1);
         }
     }
-    a->frames.data.slots = a->quadratic.slots = kept;
+    a->frames.data.slots = kept;
+    pci_skin_quadratic_use(&a->quadratic, a->quadratic.gram, kept);
 }
 
 pc_status pci_skin_alternation_measure(pci_skin_alternation *a, size_t level, const double *weights,

@@ -1,38 +1,8 @@
 // Proxy vertices that a visual vertex may follow, and the first guess of its weights.
-#include "core/bvh.h"
 #include "core/knn.h"
 #include "stages/skin_fit.h"
 
-static const char stage[] = "skin";
-
 static const double distance_share = 0.1; // of the first guess
-
-typedef struct closest_job {
-    const pci_bvh *bvh;
-    const pc_mesh *surface;
-    pci_closest *closest; // #V
-} closest_job;
-
-static void find_closest(void *user, size_t begin, size_t end, uint32_t worker) {
-    (void)worker;
-    const closest_job *job = user;
-    for (size_t v = begin; v < end; ++v) {
-        job->closest[v] = pci_bvh_closest(job->bvh, &job->surface->positions[3 * v], INFINITY);
-    }
-}
-
-pc_status pci_skin_closest_points(pc_context *context, const pc_mesh *surface, const pc_mesh *proxy,
-                                  pci_closest *closest) {
-    pci_bvh *bvh = NULL;
-    const pc_status status = pci_bvh_create(context, stage, proxy, &bvh);
-    if (status != PC_OK) {
-        return status;
-    }
-    closest_job job = {.bvh = bvh, .surface = surface, .closest = closest};
-    pci_parallel_for(context, surface->vertex_count, 256, find_closest, &job);
-    pci_bvh_destroy(context, bvh);
-    return PC_OK;
-}
 
 typedef struct candidate_job {
     const pci_knn *knn;

@@ -22,14 +22,12 @@ typedef struct pci_skin_fit {
     double rigid_before;   // L_r of the first guess, or 0 if it does not count
     double spatial_share;  // of lambda_c and lambda_a that is used
     double follow_share;   // of lambda_f that is used, 1 or more
+    double stretch_share;  // of lambda_s that is used, 1 or more
 } pci_skin_fit;
 
-// The closest point of the proxy for every visual vertex.
-PC_NODISCARD pc_status pci_skin_closest_points(pc_context *context, const pc_mesh *surface,
-                                               const pc_mesh *proxy, pci_closest *closest);
-
-// What L_f follows: closest points make the garment move as much as its proxy; smoothed, they have
-// no kinks at the proxy's edges that L_r would have to fight.
+// What L_f follows, the mean of two: closest points make the garment move as much as its proxy and
+// keep lengths as it does; smoothed, they have no kinks at the proxy's edges or jumps from layer to
+// layer that L_r would have to fight.
 PC_NODISCARD pc_status pci_skin_follow_proxy(pc_context *context, const pc_mesh *surface,
                                              const pc_mesh *proxy, pc_skin *followed);
 
@@ -49,8 +47,5 @@ PC_NODISCARD pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *fi
 PC_NODISCARD pc_status pci_skin_start_from_coarse(pci_skin_fit *fit,
                                                   const pci_skin_gram grams[PCI_SKIN_LEVELS],
                                                   uint32_t *rounds);
-
-// Sorts one row by falling weight, ties to the smaller bone.
-void pci_skin_sort_row(uint32_t *bones, double *weights, uint32_t count);
 
 #endif

@@ -266,6 +266,8 @@ static bool build_loaded(pci_scratch *scratch, pci_skin_quadratic *q) {
     return !scratch->failed;
 }
 
+static size_t triangle_size(size_t slots) { return slots * (slots + 1) / 2; }
+
 bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *problem,
                               const pci_skin_kernel *kernel, const double *points,
                               const double scale[4], const double *diagonal, const double *gram,
@@ -281,9 +283,19 @@ bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *prob
     q->points = points;
     q->gram = gram;
     q->allowed = allowed;
-    return build_matrix(scratch, problem, scale, diagonal, q) &&
+    q->faces = PCI_SCRATCH(scratch, uint32_t, q->vertex_count);
+    q->inverses = PCI_SCRATCH(scratch, float, q->vertex_count *triangle_size(q->slots));
+    return !scratch->failed && build_matrix(scratch, problem, scale, diagonal, q) &&
            build_groups(scratch, problem, q) && colour_groups(scratch, q) &&
            build_loaded(scratch, q);
+}
+
+void pci_skin_quadratic_use(pci_skin_quadratic *q, const double *gram, uint32_t slots) {
+    if (q->gram != gram || q->slots != slots) {
+        memset(q->faces, 0, q->vertex_count * sizeof(*q->faces));
+    }
+    q->gram = gram;
+    q->slots = slots;
 }
 
 // ---- sweeps -------------------------------------------------------------------------------------
@@ -400,23 +412,46 @@ static void load_group(const sweep_job *job, uint32_t group, pci_skin_group *g) 
 typedef struct row_program {
     uint32_t count;
     uint32_t slots[PCI_SKIN_SLOTS_MAX];
-    double a[PCI_SKIN_SLOTS_MAX * PCI_SKIN_SLOTS_MAX];
+    size_t places[PCI_SKIN_SLOTS_MAX]; // in the matrix of the group
+    double diagonal;                   // M_ii
     double weights[PCI_SKIN_SLOTS_MAX], gradient[PCI_SKIN_SLOTS_MAX];
-    double ridge;
+    double a[PCI_SKIN_SLOTS_MAX * PCI_SKIN_SLOTS_MAX], ridge;
 } row_program;
 
-// `width` is that of the quadratic, known where this is compiled.
-static inline __attribute__((always_inline)) void fill_row(const sweep_job *job, size_t row,
-                                                           const uint32_t *entries,
-                                                           const pci_skin_group *g,
-                                                           const size_t width, row_program *r) {
+// `width` is that of the quadratic, known where this is compiled; `place`s are those of slots.
+static inline __attribute__((always_inline)) double row_product(const pci_skin_quadratic *q,
+                                                                const pci_skin_group *g,
+                                                                const size_t width, size_t row,
+                                                                size_t place, size_t other) {
+    const double *x = &q->points[g->vertices[row] * width];
+    return pci_skin_gram_product(g->own_gram, g->own_bone_count, width, place, other, x, x);
+}
+
+// `factor` times x^T G x of some slots of a row. Returns the ridge that belongs to it.
+static inline __attribute__((always_inline)) double
+fill_matrix(const pci_skin_quadratic *q, const pci_skin_group *g, const size_t width, size_t row,
+            double factor, uint32_t count, const size_t *places, double *a) {
+    double trace = 0.0;
+    for (uint32_t i = 0; i < count; ++i) {
+        for (uint32_t j = 0; j <= i; ++j) {
+            a[i * count + j] = a[j * count + i] =
+                factor * row_product(q, g, width, row, places[i], places[j]);
+        }
+        trace += a[i * count + i];
+    }
+    return ridge_share * trace + DBL_MIN;
+}
+
+static inline __attribute__((always_inline)) void extract_row(const sweep_job *job, size_t row,
+                                                              const uint32_t *entries,
+                                                              const pci_skin_group *g,
+                                                              const size_t width, row_program *r) {
     const pci_skin_quadratic *q = job->q;
     const size_t v = g->vertices[row], first = q->offsets[v];
-    const double *x = &q->points[v * width], diagonal = (double)q->values[first];
-    double trace = 0.0;
+    const double *x = &q->points[v * width];
     uint32_t numbers[PCI_SKIN_SLOTS_MAX * PCI_SKIN_COLUMNS_MAX];
     float products[PCI_SKIN_SLOTS_MAX * PCI_SKIN_COLUMNS_MAX];
-    size_t places[PCI_SKIN_SLOTS_MAX];
+    r->diagonal = (double)q->values[first];
     r->count = 0;
     for (uint32_t k = 0; k < q->slots; ++k) {
         if (q->allowed[v] >> k & 1) {
@@ -424,7 +459,7 @@ static inline __attribute__((always_inline)) void fill_row(const sweep_job *job,
             for (uint32_t c = 0; c < width; ++c) {
                 numbers[width * r->count + c] = (uint32_t)width * place + c;
             }
-            places[r->count] = place;
+            r->places[r->count] = place;
             r->slots[r->count] = k;
             r->weights[r->count++] = job->weights[v * q->slots + k];
         }
@@ -442,23 +477,114 @@ static inline __attribute__((always_inline)) void fill_row(const sweep_job *job,
             sum += x[k] * (double)products[width * i + k];
         }
         r->gradient[i] = (double)job->gradient[v * q->slots + r->slots[i]] + sum;
-        for (uint32_t j = 0; j <= i; ++j) {
-            const double product = pci_skin_gram_product(g->own_gram, g->own_bone_count, width,
-                                                         places[i], places[j], x, x);
-            r->a[i * r->count + j] = r->a[j * r->count + i] = diagonal * product;
-        }
-        trace += r->a[i * r->count + i];
     }
-    r->ridge = ridge_share * trace + DBL_MIN;
 }
 
-static void extract_row(const sweep_job *job, size_t row, const uint32_t *entries,
-                        const pci_skin_group *g, row_program *r) {
-    if (job->q->width == 1) {
-        fill_row(job, row, entries, g, 1, r);
-    } else {
-        fill_row(job, row, entries, g, PCI_SKIN_COLUMNS_MAX, r);
+// The slots of a row that have weight.
+typedef struct row_face {
+    uint32_t count, bits;
+    uint32_t members[PCI_SKIN_SLOTS_MAX]; // of the program
+    size_t places[PCI_SKIN_SLOTS_MAX];
+} row_face;
+
+static void find_face(const row_program *r, row_face *face) {
+    face->count = face->bits = 0;
+    for (uint32_t i = 0; i < r->count; ++i) {
+        if (r->weights[i] > 0.0) {
+            face->places[face->count] = r->places[i];
+            face->members[face->count++] = i;
+            face->bits |= (uint32_t)1 << r->slots[i];
+        }
     }
+}
+
+static inline __attribute__((always_inline)) void
+find_inverse(const pci_skin_quadratic *q, const pci_skin_group *g, const size_t width, size_t row,
+             const row_face *face, float *inverse) {
+    double z[PCI_SKIN_SLOTS_MAX * PCI_SKIN_SLOTS_MAX];
+    const double ridge = fill_matrix(q, g, width, row, 1.0, face->count, face->places, z);
+    pci_simplex_invert(face->count, ridge, z);
+    for (uint32_t i = 0; i < face->count; ++i) {
+        for (uint32_t j = 0; j <= i; ++j) {
+            *inverse++ = (float)z[i * face->count + j];
+        }
+    }
+}
+
+// Steps to the minimum on a face, from the triangle of Z. False: it lies outside of the simplex.
+static bool step_on_face(const row_face *face, const float *inverse, const row_program *r,
+                         double *step) {
+    const uint32_t n = face->count;
+    double g[PCI_SKIN_SLOTS_MAX], mean = 0.0, sum = 0.0;
+    for (uint32_t i = 0; i < n; ++i) {
+        mean += r->gradient[face->members[i]] / (double)n;
+    }
+    for (uint32_t i = 0; i < n; ++i) {
+        g[i] = r->gradient[face->members[i]] - mean; // Z 1 = 0, but for rounding
+        double y = 0.0;
+        for (uint32_t j = 0; j < i; ++j) {
+            y += (double)inverse[j] * g[j];
+            step[j] += (double)inverse[j] * g[i];
+        }
+        step[i] = y + (double)inverse[i] * g[i];
+        inverse += i + 1;
+    }
+    for (uint32_t i = 0; i < n; ++i) {
+        step[i] = -step[i] / r->diagonal;
+        sum += step[i];
+    }
+    bool inside = true;
+    for (uint32_t i = 0; i < n; ++i) {
+        step[i] -= sum / (double)n;
+        inside = inside && r->weights[face->members[i]] + step[i] >= 0.0;
+    }
+    return inside;
+}
+
+// dE/dw of one slot after a step on a face.
+static inline __attribute__((always_inline)) double
+slope_after(const pci_skin_quadratic *q, const pci_skin_group *g, const size_t width, size_t row,
+            const row_face *face, const row_program *r, const double *step, uint32_t member) {
+    double slope = 0.0;
+    for (uint32_t j = 0; j < face->count; ++j) {
+        slope += step[j] * row_product(q, g, width, row, r->places[member], face->places[j]);
+    }
+    return r->gradient[member] + r->diagonal * slope;
+}
+
+// Minimises a row whose minimum lies on the face that it is on, which is nearly always so. False:
+// it does not.
+static inline __attribute__((always_inline)) bool minimize_on_face(const sweep_job *job,
+                                                                   const pci_skin_group *g,
+                                                                   const size_t width, size_t row,
+                                                                   row_program *r) {
+    const pci_skin_quadratic *q = job->q;
+    const size_t v = g->vertices[row];
+    float *inverse = &q->inverses[v * triangle_size(q->slots)];
+    double step[PCI_SKIN_SLOTS_MAX];
+    row_face face;
+    find_face(r, &face);
+    if (q->faces[v] != face.bits) {
+        find_inverse(q, g, width, row, &face, inverse);
+        q->faces[v] = face.bits;
+    }
+    if (!step_on_face(&face, inverse, r, step)) {
+        return false;
+    }
+    if (face.count < r->count) {
+        const double multiplier = slope_after(q, g, width, row, &face, r, step, face.members[0]);
+        for (uint32_t i = 0; i < r->count; ++i) {
+            if (!(r->weights[i] > 0.0) &&
+                pci_simplex_enters(slope_after(q, g, width, row, &face, r, step, i), multiplier)) {
+                return false;
+            }
+        }
+    }
+    for (uint32_t i = 0; i < face.count; ++i) {
+        r->weights[face.members[i]] += step[i];
+    }
+    pci_simplex_round(r->count, r->weights);
+    return true;
 }
 
 // Takes one slot away; its weight goes to the others in proportion.
@@ -507,15 +633,20 @@ static void move_slot(const sweep_job *job, size_t row, uint32_t slot, double we
     }
 }
 
-static void minimize_row(const sweep_job *job, size_t row, const uint32_t *entries,
-                         pci_skin_group *g) {
+static inline __attribute__((always_inline)) void minimize_row(const sweep_job *job, size_t row,
+                                                               const uint32_t *entries,
+                                                               const size_t width,
+                                                               pci_skin_group *g) {
     const size_t v = g->vertices[row];
     row_program r;
     if (job->q->allowed[v] == 0) {
         return;
     }
-    extract_row(job, row, entries, g, &r);
-    pci_simplex_minimize(r.count, r.a, r.ridge, r.weights, r.gradient);
+    extract_row(job, row, entries, g, width, &r);
+    if (job->kept > 0 || !minimize_on_face(job, g, width, row, &r)) {
+        r.ridge = fill_matrix(job->q, g, width, row, r.diagonal, r.count, r.places, r.a);
+        pci_simplex_minimize(r.count, r.a, r.ridge, r.weights, r.gradient);
+    }
     while (job->kept > 0 && r.count > job->kept) {
         const uint32_t out = pci_simplex_least(r.count, r.a, r.ridge, r.weights);
         job->allowed[v] &= ~((uint32_t)1 << r.slots[out]);
@@ -532,7 +663,12 @@ static void minimize_row(const sweep_job *job, size_t row, const uint32_t *entri
 static void visit_group(const sweep_job *job, size_t count, bool backward, pci_skin_group *g) {
     for (size_t m = 0; m < count; ++m) {
         const size_t row = backward ? count - 1 - m : m;
-        minimize_row(job, row, &g->entries[g->entry_offsets[row]], g);
+        const uint32_t *entries = &g->entries[g->entry_offsets[row]];
+        if (job->q->width == 1) {
+            minimize_row(job, row, entries, 1, g);
+        } else {
+            minimize_row(job, row, entries, PCI_SKIN_COLUMNS_MAX, g);
+        }
     }
 }
 

@@ -54,6 +54,10 @@ typedef struct pci_skin_quadratic {
     float *values;
     const double *gram;      // G, #P width by #P width
     const uint32_t *allowed; // #V, bit k: slot k may have weight
+    // Where a row lies on the face of the free slots, its gradient g moves it by -Z g / M_ii to the
+    // minimum there. Z (pci_simplex_invert of x^T G x) stays as long as the face and G do.
+    uint32_t *faces; // #V, bits of the free slots that Z is for, 0: none
+    float *inverses; // #V by slots (slots + 1) / 2: Z, lower triangle over the free slots
     // Vertices in groups; groups of one colour share no entry of M.
     uint32_t group_count, colour_count;
     uint32_t *group_offsets;  // #groups + 1, into members
@@ -74,6 +78,9 @@ bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *prob
 bool pci_skin_quadratic_weigh(pci_scratch *scratch, const pci_skin_problem *problem,
                               const double scale[4], const double *diagonal,
                               pci_skin_quadratic *quadratic);
+
+// Another G; or, with the same one, other slots.
+void pci_skin_quadratic_use(pci_skin_quadratic *quadratic, const double *gram, uint32_t slots);
 
 // Gauss-Seidel over the groups, each swept there and back: every vertex is minimised exactly over
 // the simplex, twice.

@@ -71,6 +71,63 @@ static void solve_free(uint32_t count, const double *a, double ridge, uint32_t n
     }
 }
 
+bool pci_simplex_enters(double slope, double multiplier) {
+    return slope - multiplier < -1e-9 * fabs(multiplier);
+}
+
+void pci_simplex_round(uint32_t count, double *w) {
+    double sum = 0.0;
+    uint32_t largest = 0;
+    for (uint32_t k = 0; k < count; ++k) {
+        sum += w[k];
+        largest = w[k] > w[largest] ? k : largest;
+    }
+    w[largest] += 1.0 - sum;
+}
+
+// (A + ridge I)^-1 in place of A, by Gauss-Jordan elimination.
+static void invert(uint32_t n, double ridge, double *a) {
+    for (uint32_t i = 0; i < n; ++i) {
+        a[i * n + i] += ridge;
+    }
+    for (uint32_t k = 0; k < n; ++k) {
+        double *pivot = &a[k * n];
+        // Rounding may leave less than the ridge.
+        const double inverse = 1.0 / (pivot[k] > ridge ? pivot[k] : ridge);
+        pivot[k] = 1.0;
+        for (uint32_t j = 0; j < n; ++j) {
+            pivot[j] *= inverse;
+        }
+        for (uint32_t i = 0; i < n; ++i) {
+            double *row = &a[i * n];
+            if (i != k) {
+                const double factor = row[k];
+                row[k] = 0.0;
+                for (uint32_t j = 0; j < n; ++j) {
+                    row[j] -= factor * pivot[j];
+                }
+            }
+        }
+    }
+}
+
+void pci_simplex_invert(uint32_t n, double ridge, double *a) {
+    double h[PCI_SKIN_SLOTS_MAX], total = 0.0;
+    invert(n, ridge, a);
+    for (uint32_t i = 0; i < n; ++i) {
+        h[i] = 0.0;
+        for (uint32_t j = 0; j < n; ++j) {
+            h[i] += a[i * n + j];
+        }
+        total += h[i];
+    }
+    for (uint32_t i = 0; i < n; ++i) {
+        for (uint32_t j = 0; j < n; ++j) {
+            a[i * n + j] -= h[i] / total * h[j];
+        }
+    }
+}
+
 void pci_simplex_minimize(uint32_t count, const double *a, double ridge, double *w, double *g) {
     uint32_t slots[PCI_SKIN_SLOTS_MAX], n = 0;
     for (uint32_t k = 0; k < count; ++k) {
@@ -119,11 +176,10 @@ void pci_simplex_minimize(uint32_t count, const double *a, double ridge, double 
             continue;
         }
         // The slot at 0 that would lower the objective most.
-        double lowest = -1e-9 * fabs(multiplier);
         uint32_t entering = count;
         for (uint32_t k = 0; k < count; ++k) {
-            if (!(w[k] > 0.0) && g[k] - multiplier < lowest) {
-                lowest = g[k] - multiplier;
+            if (!(w[k] > 0.0) && pci_simplex_enters(g[k], multiplier) &&
+                (entering == count || g[k] < g[entering])) {
                 entering = k;
             }
         }
@@ -135,37 +191,16 @@ void pci_simplex_minimize(uint32_t count, const double *a, double ridge, double 
         }
         slots[n++] = entering;
     }
-    // Rounding of the sum goes to the largest.
-    double sum = 0.0;
-    uint32_t largest = 0;
-    for (uint32_t k = 0; k < count; ++k) {
-        sum += w[k];
-        largest = w[k] > w[largest] ? k : largest;
-    }
-    w[largest] += 1.0 - sum;
+    pci_simplex_round(count, w);
 }
 
 uint32_t pci_simplex_least(uint32_t count, const double *a, double ridge, const double *w) {
-    uint32_t slots[PCI_SKIN_SLOTS_MAX], best = count - 1;
-    double least = INFINITY;
+    double c[PCI_SKIN_SLOTS_MAX * PCI_SKIN_SLOTS_MAX], least = INFINITY;
+    uint32_t best = count - 1;
+    memcpy(c, a, count * count * sizeof(*c));
+    pci_simplex_invert(count, ridge, c);
     for (uint32_t k = 0; k < count; ++k) {
-        slots[k] = k;
-    }
-    for (uint32_t k = 0; k < count && least > 0.0; ++k) {
-        double y[PCI_SKIN_SLOTS_MAX] = {0}, z[PCI_SKIN_SLOTS_MAX], sum_y = 0.0, sum_z = 0.0;
-        if (w[k] > 0.0) {
-            y[k] = 1.0;
-            for (uint32_t i = 0; i < count; ++i) {
-                z[i] = 1.0;
-            }
-            solve_free(count, a, ridge, count, slots, y, z);
-            for (uint32_t i = 0; i < count; ++i) {
-                sum_y += y[i];
-                sum_z += z[i];
-            }
-            y[k] -= sum_y / sum_z * z[k];
-        }
-        const double cost = w[k] > 0.0 ? w[k] * w[k] / (2.0 * y[k]) : 0.0;
+        const double cost = w[k] > 0.0 ? w[k] * w[k] / (2.0 * c[k * count + k]) : 0.0;
         if (cost < least) {
             least = cost;
             best = k;

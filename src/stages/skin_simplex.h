@@ -11,8 +11,18 @@
 // @param[in,out] g  in: the gradient at w; out: at the minimum (without the ridge).
 void pci_simplex_minimize(uint32_t count, const double *a, double ridge, double *w, double *g);
 
+// Whether a slot at 0 with this slope lowers the objective, where those in use have another.
+bool pci_simplex_enters(double slope, double multiplier);
+
+// Gives what a sum lacks to 1 by rounding to the largest weight.
+void pci_simplex_round(uint32_t count, double *w);
+
+// The inverse of A + ridge I on changes of sum 0, n by n, in place of A: it turns a gradient into
+// minus the step to the minimum that ignores signs.
+void pci_simplex_invert(uint32_t n, double ridge, double *a);
+
 // The slot that costs least to fix at 0 while the others adapt with their sum kept and signs
-// ignored: the least w_k^2 / (2 C_kk), C the inverse of A on changes of sum 0. Ties to the index.
+// ignored: the least w_k^2 / (2 C_kk), C as above. Ties to the index.
 uint32_t pci_simplex_least(uint32_t count, const double *a, double ridge, const double *w);
 
 #endif

@@ -12,6 +12,7 @@
 #include "core/topology.h"
 #include "stages/skin_alternate.h"
 #include "stages/skin_fit.h"
+#include "stages/weight_rows.h"
 #include "support/garment.h"
 #include "support/peak.h"
 
@@ -166,7 +167,7 @@ static bool run_paper(bench *b, const char *name, uint32_t batch, uint32_t steps
     skin.weights = PCI_SCRATCH(&scratch, double, SLOTS *nv);
     pci_closest *closest = PCI_SCRATCH(&scratch, pci_closest, nv);
     bool good = !scratch.failed && pci_skin_problem_build(&scratch, surface, SLOTS, &problem) &&
-                pci_skin_closest_points(b->context, surface, &asset->proxy, closest) == PC_OK &&
+                pci_closest_points(b->context, "skin", surface, &asset->proxy, closest) == PC_OK &&
                 pci_skin_find_candidates(&scratch, surface, &asset->proxy, closest, NULL, SLOTS,
                                          skin.bones, skin.weights);
     if (good) {

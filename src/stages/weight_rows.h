@@ -1,0 +1,24 @@
+// What all kinds of skinning weights need: closest points to start from, rows, their order and sum.
+#ifndef PCI_WEIGHT_ROWS_H
+#define PCI_WEIGHT_ROWS_H
+
+#include "core/bvh.h"
+#include "proxycloth/skin.h"
+
+// The closest point of the proxy for every visual vertex, #V.
+PC_NODISCARD pc_status pci_closest_points(pc_context *context, const char *stage,
+                                          const pc_mesh *surface, const pc_mesh *proxy,
+                                          pci_closest *closest);
+
+// False: out of memory; what there is, pc_skin_free takes.
+bool pci_skin_allocate(pc_context *context, size_t vertex_count, uint32_t influences,
+                       pc_skin *skin);
+
+// Sorts one row by falling weight, ties to the smaller bone.
+void pci_skin_sort_row(uint32_t *bones, double *weights, uint32_t count);
+
+// Makes sorted rows sum to 1; slots without weight repeat the first bone. False: a row without
+// weight, or not finite.
+bool pci_skin_scale_rows(pc_skin *skin);
+
+#endif

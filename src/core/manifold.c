@@ -83,38 +83,60 @@ static void wing_direction(const pc_mesh *mesh, uint32_t h, double wing[3]) {
     pci_normalize(wing);
 }
 
+// The half-edge of triangle t that runs along edge e.
+static uint32_t half_along(const pci_topology *topology, uint32_t t, size_t e) {
+    uint32_t half = 3 * t;
+    while (topology->triangle_edges[half] != e) {
+        ++half;
+    }
+    return half;
+}
+
+// The two living triangles at edge e, out of more, that continue each other best.
+static void find_flattest(const repair *r, size_t e, uint32_t best[2]) {
+    const pci_topology *topology = &r->topology;
+    const size_t begin = topology->edge_triangle_offsets[e];
+    const size_t end = topology->edge_triangle_offsets[e + 1];
+    double flattest = INFINITY;
+    for (size_t i = begin; i < end; ++i) {
+        for (size_t j = i + 1; j < end && r->alive[topology->edge_triangles[i]]; ++j) {
+            const uint32_t pair[2] = {topology->edge_triangles[i], topology->edge_triangles[j]};
+            if (!r->alive[pair[1]]) {
+                continue;
+            }
+            uint32_t half[2];
+            double wing[2][3];
+            for (size_t s = 0; s < 2; ++s) {
+                half[s] = half_along(topology, pair[s], e);
+                wing_direction(r->mesh, half[s], wing[s]);
+            }
+            const double bend = pci_dot(wing[0], wing[1]); // -1 is flat
+            if (bend < flattest) {
+                flattest = bend;
+                memcpy(best, half, sizeof(half));
+            }
+        }
+    }
+}
+
 // Joins at every edge the two living triangles that continue each other best.
 static void glue_edges(repair *r) {
     const pci_topology *topology = &r->topology;
     memset(r->glued, 0xff, 3 * r->mesh->triangle_count * sizeof(*r->glued));
     for (size_t e = 0; e < topology->edge_count; ++e) {
-        const size_t begin = topology->edge_triangle_offsets[e];
-        const size_t end = topology->edge_triangle_offsets[e + 1];
         uint32_t best[2] = {PC_INVALID_INDEX, PC_INVALID_INDEX};
-        double flattest = INFINITY;
-        for (size_t i = begin; i < end; ++i) {
-            for (size_t j = i + 1; j < end && r->alive[topology->edge_triangles[i]]; ++j) {
-                const uint32_t pair[2] = {topology->edge_triangles[i], topology->edge_triangles[j]};
-                if (!r->alive[pair[1]]) {
-                    continue;
-                }
-                uint32_t half[2];
-                double wing[2][3];
-                for (size_t s = 0; s < 2; ++s) {
-                    half[s] = 3 * pair[s];
-                    while (topology->triangle_edges[half[s]] != e) {
-                        ++half[s];
-                    }
-                    wing_direction(r->mesh, half[s], wing[s]);
-                }
-                const double bend = pci_dot(wing[0], wing[1]); // -1 is flat
-                if (bend < flattest) {
-                    flattest = bend;
-                    memcpy(best, half, sizeof(best));
-                }
+        size_t living = 0;
+        for (size_t i = topology->edge_triangle_offsets[e];
+             i < topology->edge_triangle_offsets[e + 1]; ++i) {
+            const uint32_t t = topology->edge_triangles[i];
+            if (r->alive[t] && living++ < 2) {
+                best[living - 1] = half_along(topology, t, e);
             }
         }
-        if (best[0] != PC_INVALID_INDEX) {
+        if (living > 2) {
+            find_flattest(r, e, best);
+        }
+        if (living >= 2) {
             r->glued[best[0]] = best[1];
             r->glued[best[1]] = best[0];
         }
@@ -207,10 +229,34 @@ static int compare_fan_edges(const void *a, const void *b) {
     return (x->half > y->half) - (x->half < y->half);
 }
 
+// Whether at some edge living triangles meet that are not joined.
+static bool is_crowded(const repair *r) {
+    const pci_topology *topology = &r->topology;
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        size_t living = 0;
+        bool apart = false;
+        for (size_t i = topology->edge_triangle_offsets[e];
+             i < topology->edge_triangle_offsets[e + 1]; ++i) {
+            const uint32_t t = topology->edge_triangles[i];
+            if (r->alive[t]) {
+                ++living;
+                apart = apart || r->glued[half_along(topology, t, e)] == PC_INVALID_INDEX;
+            }
+        }
+        if (living > 1 && apart) {
+            return true;
+        }
+    }
+    return false;
+}
+
 // Removes triangles that meet others in an edge without being joined to them. False: out of memory.
 static bool remove_crowded(repair *r, fan_edge *edges, size_t *removed) {
     size_t count = 0;
     *removed = 0;
+    if (!is_crowded(r)) {
+        return true;
+    }
     for (uint32_t h = 0; h < 3 * r->mesh->triangle_count; ++h) {
         if (r->alive[h / 3]) {
             const uint32_t a = r->triangles[h], b = r->triangles[h - h % 3 + (h + 1) % 3];

@@ -18,6 +18,10 @@
 // mean nothing; such a query visits every triangle.
 #define FARTHEST_POINT 1e6
 
+// A search on the mesh visits as many triangles as there are boxes that hold its point: a handful
+// in a garment. Where it is thousands, searches for all vertices or triangles take minutes.
+#define MOST_OVERLAP 1000.0
+
 // Larger meshes have more triangles than anybody asks points for: a tree that is built quickly
 // pays.
 #define MOST_CAREFUL 65536
@@ -107,6 +111,34 @@ static bool normalise_space(pci_bvh *bvh) {
     return true;
 }
 
+// Whether the box of a triangle holds the point.
+static bool box_holds(const pc_mesh *mesh, size_t triangle, const double point[3]) {
+    bool inside = true;
+    for (size_t k = 0; k < 3 && inside; ++k) {
+        const double a = corner(mesh, triangle, 0)[k], b = corner(mesh, triangle, 1)[k],
+                     c = corner(mesh, triangle, 2)[k];
+        inside = (a <= point[k] || b <= point[k] || c <= point[k]) &&
+                 (a >= point[k] || b >= point[k] || c >= point[k]);
+    }
+    return inside;
+}
+
+// How many boxes hold the middle of a triangle, on average over some.
+static double measure_overlap(const pci_bvh *bvh) {
+    enum { most_samples = 64 };
+    const size_t count = bvh->mesh->triangle_count;
+    const size_t samples = count < most_samples ? count : most_samples;
+    size_t sum = 0;
+    for (size_t i = 0; i < samples; ++i) {
+        double middle[3];
+        pci_triangle_middle(bvh->mesh, i * (count / samples), middle);
+        for (size_t t = 0; t < count; ++t) {
+            sum += !bvh->duplicate[t] && box_holds(bvh->mesh, t, middle);
+        }
+    }
+    return samples > 0 ? (double)sum / (double)samples : 0.0;
+}
+
 static enum RTCError build_scene(pc_context *context, const char *stage, pci_bvh *bvh,
                                  build_watch *watch) {
     RTCDevice device = pci_embree_device(&context->embree);
@@ -159,6 +191,14 @@ static pc_status build_tree(pc_context *context, const char *stage, const pc_mes
         pci_bvh_destroy(context, created);
         return pci_fail(context, PC_ERROR_NUMERICAL, stage,
                         "%s: a vertex position is infinite or not a number", stage);
+    }
+
+    const double overlap = measure_overlap(created);
+    if (overlap > MOST_OVERLAP) {
+        pci_bvh_destroy(context, created);
+        return pci_fail(context, PC_ERROR_TOO_LARGE, stage,
+                        "%s: the boxes of %.0f triangles hold the same point, at most %.0f", stage,
+                        overlap, MOST_OVERLAP);
     }
 
     build_watch watch = {.context = context, .thread = pthread_self(), .wanted = true};
@@ -448,27 +488,41 @@ typedef struct within_query {
     const pc_mesh *mesh;
     const double *point;
     double radius;
-    bool found;
+    uint32_t found; // PC_INVALID_INDEX: none so far
 } within_query;
+
+static bool is_within(const within_query *query, uint32_t triangle) {
+    double barycentric[3];
+    return sqrt(distance2_to(query->mesh, triangle, query->point, barycentric)) <= query->radius;
+}
 
 static bool visit_until_found(struct RTCPointQueryFunctionArguments *arguments) {
     within_query *query = arguments->userPtr;
-    const uint32_t t = arguments->primID;
-    double barycentric[3];
-    if (query->found ||
-        !(sqrt(distance2_to(query->mesh, t, query->point, barycentric)) <= query->radius)) {
+    if (query->found != PC_INVALID_INDEX || !is_within(query, arguments->primID)) {
         return false;
     }
-    query->found = true;
+    query->found = arguments->primID;
     arguments->query->radius = 0.0F; // hardly anything is visited from now on
     return true;
 }
 
 bool pci_bvh_within(const pci_bvh *bvh, const double point[3], double radius) {
-    within_query query = {bvh->mesh, point, radius, false};
+    uint32_t hint = PC_INVALID_INDEX;
+    return pci_bvh_within_near(bvh, point, radius, &hint);
+}
+
+bool pci_bvh_within_near(const pci_bvh *bvh, const double point[3], double radius, uint32_t *hint) {
+    within_query query = {bvh->mesh, point, radius, PC_INVALID_INDEX};
+    if (*hint != PC_INVALID_INDEX && is_within(&query, *hint)) {
+        return true;
+    }
     double slack = 0.0;
     visit_around(bvh, point, radius, visit_until_found, &query, &slack);
-    return query.found;
+    if (query.found == PC_INVALID_INDEX) {
+        return false;
+    }
+    *hint = query.found;
+    return true;
 }
 
 pci_closest pci_bvh_closest_near(const pci_bvh *bvh, const double point[3], uint32_t hint) {

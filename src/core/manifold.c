@@ -92,53 +92,53 @@ static uint32_t half_along(const pci_topology *topology, uint32_t t, size_t e) {
     return half;
 }
 
-// The two living triangles at edge e, out of more, that continue each other best.
-static void find_flattest(const repair *r, size_t e, uint32_t best[2]) {
+// The half-edges of the first living triangles at an edge. More than `most_wings` are no cloth.
+enum { most_wings = 64 };
+static size_t list_living(const repair *r, size_t e, uint32_t half[most_wings]) {
     const pci_topology *topology = &r->topology;
-    const size_t begin = topology->edge_triangle_offsets[e];
     const size_t end = topology->edge_triangle_offsets[e + 1];
-    double flattest = INFINITY;
-    for (size_t i = begin; i < end; ++i) {
-        for (size_t j = i + 1; j < end && r->alive[topology->edge_triangles[i]]; ++j) {
-            const uint32_t pair[2] = {topology->edge_triangles[i], topology->edge_triangles[j]};
-            if (!r->alive[pair[1]]) {
-                continue;
-            }
-            uint32_t half[2];
-            double wing[2][3];
-            for (size_t s = 0; s < 2; ++s) {
-                half[s] = half_along(topology, pair[s], e);
-                wing_direction(r->mesh, half[s], wing[s]);
-            }
-            const double bend = pci_dot(wing[0], wing[1]); // -1 is flat
+    size_t count = 0;
+    for (size_t i = topology->edge_triangle_offsets[e]; i < end && count < most_wings; ++i) {
+        const uint32_t t = topology->edge_triangles[i];
+        if (r->alive[t]) {
+            half[count++] = half_along(topology, t, e);
+        }
+    }
+    return count;
+}
+
+// Puts the two that continue each other best in front.
+static void find_flattest(const repair *r, uint32_t half[most_wings], size_t count) {
+    double wing[most_wings][3], flattest = INFINITY;
+    size_t best[2] = {0, 1};
+    for (size_t i = 0; i < count; ++i) {
+        wing_direction(r->mesh, half[i], wing[i]);
+    }
+    for (size_t i = 0; i < count; ++i) {
+        for (size_t j = i + 1; j < count; ++j) {
+            const double bend = pci_dot(wing[i], wing[j]); // -1 is flat
             if (bend < flattest) {
                 flattest = bend;
-                memcpy(best, half, sizeof(half));
+                best[0] = i, best[1] = j;
             }
         }
     }
+    const uint32_t pair[2] = {half[best[0]], half[best[1]]};
+    memcpy(half, pair, sizeof(pair));
 }
 
 // Joins at every edge the two living triangles that continue each other best.
 static void glue_edges(repair *r) {
-    const pci_topology *topology = &r->topology;
     memset(r->glued, 0xff, 3 * r->mesh->triangle_count * sizeof(*r->glued));
-    for (size_t e = 0; e < topology->edge_count; ++e) {
-        uint32_t best[2] = {PC_INVALID_INDEX, PC_INVALID_INDEX};
-        size_t living = 0;
-        for (size_t i = topology->edge_triangle_offsets[e];
-             i < topology->edge_triangle_offsets[e + 1]; ++i) {
-            const uint32_t t = topology->edge_triangles[i];
-            if (r->alive[t] && living++ < 2) {
-                best[living - 1] = half_along(topology, t, e);
-            }
+    for (size_t e = 0; e < r->topology.edge_count; ++e) {
+        uint32_t half[most_wings];
+        const size_t count = list_living(r, e, half);
+        if (count > 2) {
+            find_flattest(r, half, count);
         }
-        if (living > 2) {
-            find_flattest(r, e, best);
-        }
-        if (living >= 2) {
-            r->glued[best[0]] = best[1];
-            r->glued[best[1]] = best[0];
+        if (count >= 2) {
+            r->glued[half[0]] = half[1];
+            r->glued[half[1]] = half[0];
         }
     }
 }

@@ -82,9 +82,10 @@ typedef struct coverage_job {
 static void count_covered(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const coverage_job *job = user;
+    uint32_t last = PC_INVALID_INDEX;
     for (size_t v = begin; v < end; ++v) {
         job->covered[begin / grain] +=
-            pci_bvh_within(job->layer, &job->surface->positions[3 * v], job->radius);
+            pci_bvh_within_near(job->layer, &job->surface->positions[3 * v], job->radius, &last);
     }
 }
 

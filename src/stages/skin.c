@@ -43,6 +43,10 @@ static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_skin_options, least_motion, DOUBLE, 0.972, 0.0, 1.0, "",
                      "While the garment moves less than this share of the proxy's motion, "
                      "lambda_follow is raised; alternate only"),
+    PCI_FIELD_OPTION(pc_skin_options, most_strain, DOUBLE, 0.95, 0.0, 1000000.0, "",
+                     "While edges change their lengths by more than this share of what "
+                     "closest-triangle weights do to them, lambda_stretch is raised; alternate "
+                     "only"),
     PCI_FIELD_OPTION(pc_skin_options, motion_noise, DOUBLE, 0.003, 0.0, 1.0, "",
                      "Variance of a noise in the motion of the proxy's vertices, over that of the "
                      "motion itself, against weights that suit these frames only; alternate only"),
@@ -262,8 +266,11 @@ pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface, const pc
     }
     pci_scratch scratch = pci_scratch_begin(context);
     pc_skin_report r = {0};
-    pci_skin_fit f = {
-        .context = context, .options = &chosen, .spatial_share = 1.0, .follow_share = 1.0};
+    pci_skin_fit f = {.context = context,
+                      .options = &chosen,
+                      .spatial_share = 1.0,
+                      .follow_share = 1.0,
+                      .stretch_share = 1.0};
     pc_mesh joined = *surface;
     const uint32_t *rows = NULL;
     if (chosen.solver == PC_SKIN_ALTERNATE && !pci_skin_join(&scratch, surface, &joined, &rows)) {

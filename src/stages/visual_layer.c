@@ -75,8 +75,10 @@ typedef struct cover_job {
 static void find_missed(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const cover_job *job = user;
+    uint32_t last = PC_INVALID_INDEX;
     for (size_t v = begin; v < end; ++v) {
-        job->missed[v] = !pci_bvh_within(job->layer, &job->surface->positions[3 * v], job->reach);
+        job->missed[v] =
+            !pci_bvh_within_near(job->layer, &job->surface->positions[3 * v], job->reach, &last);
     }
 }
 

@@ -79,9 +79,16 @@ pc_status pc_run_stage(pc_context *context, pc_stage stage, const pc_options *op
            (const char *)(options != NULL ? options : &defaults) + info->options_offset,
            info->options->size);
     const double start = pci_clock_seconds();
+    const bool alone = !pci_bvh_shares(context);
+    if (alone) {
+        pci_bvh_share(context, &asset->visual.surface);
+    }
     const pc_status status = pci_progress(context, info->name, 0.0)
                                  ? run_step(context, stage, asset)
                                  : pci_fail_cancelled(context, info->name);
+    if (alone) {
+        pci_bvh_share(context, NULL);
+    }
     if (timings != NULL) {
         timings->seconds[stage] = pci_clock_seconds() - start;
     }

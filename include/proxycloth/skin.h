@@ -26,9 +26,11 @@
 /// DEVIATIONS of the default solver:
 /// - The paper's losses are 0 for equal weights everywhere, so they reward less motion.
 ///   L_f = sum |u_i(t) - u*_i(t)|^2 mends that, u* the displacement that heat-smoothed weights
-///   (proxycloth/baselines.h) give; lambda_f doubles, whenever slots are taken away, while the
-///   garment moves less than `least_motion` of what the proxy's closest points do. A vertex whose
-///   closest point is held follows that point exactly.
+///   and closest-triangle weights (proxycloth/baselines.h) give on average; lambda_f doubles,
+///   whenever slots are taken away, while the garment moves less than `least_motion` of what the
+///   proxy's closest points do. A vertex whose closest point is held follows that point exactly.
+/// - lambda_s doubles in the same way while the edges' mean strain is more than `most_strain` of
+///   what closest-triangle weights give: these hardly stretch where the cloth is one flat sheet.
 /// - Edges count alike whatever their length (`equal_edges`): L_r, L_c and L_s give each edge the
 ///   stiffness l^2 / |e|^2, l^2 the mean square. As printed, small triangles cost nothing and
 ///   fold, and buttons stretch. The report gives the losses as printed.
@@ -37,9 +39,12 @@
 ///   `motion_noise` times the mean square of the displacements: G + s I in place of their Gram
 ///   matrix G, as a covariance is shrunk (Ledoit, Wolf, "A well-conditioned estimator for
 ///   large-dimensional covariance matrices", 2004). The rotations do not see it, and it takes no
-///   pass over the frames. It acts on the weights less half of the heat-smoothed ones, lest they
+///   pass over the frames. It acts on the weights less half of those that L_f follows, lest they
 ///   become too smooth.
-/// - The weights start from the heat-smoothed ones.
+/// - The weights start from those that L_f follows.
+/// - Vertices that an edge shorter than a hundredth of the mean joins have one row of weights: what
+///   lies between them would be stretched to a multiple by the least difference. The losses of the
+///   report are those with such vertices as one.
 /// DEVIATION: the candidates of a vertex are the corners of the closest proxy triangle, with the
 /// default solver what its heat-smoothed weights follow, and then the nearest proxy vertices: the
 /// nearest alone may all lie on another layer.
@@ -122,6 +127,7 @@ typedef struct pc_skin_options {
     double lambda_follow;     ///< lambda_f, PC_SKIN_ALTERNATE
     double lambda_stretch;    ///< lambda_s, PC_SKIN_ALTERNATE
     double least_motion;      ///< share of the proxy's motion, PC_SKIN_ALTERNATE
+    double most_strain;       ///< share of that of closest triangles, PC_SKIN_ALTERNATE
     double motion_noise;      ///< variance over that of the motion, PC_SKIN_ALTERNATE
     bool equal_edges;         ///< edges count alike whatever their length, PC_SKIN_ALTERNATE
     uint32_t rounds;          ///< passes over frames at most, PC_SKIN_ALTERNATE

@@ -18,9 +18,18 @@
 // mean nothing; such a query visits every triangle.
 #define FARTHEST_POINT 1e6
 
+// A search on the mesh visits as many triangles as there are boxes that hold its point: a handful
+// in a garment. Where it is thousands, searches for all vertices or triangles take minutes.
+#define MOST_OVERLAP 1000.0
+
+// Larger meshes have more triangles than anybody asks points for: a tree that is built quickly
+// pays.
+#define MOST_CAREFUL 65536
+
 struct pci_bvh {
     const pc_mesh *mesh;
     uint8_t *duplicate; // #F: the triangle repeats an earlier one and is left out
+    bool repeats;       // some are left out
     RTCScene scene;
     double minimum[3], maximum[3]; // of the triangles
     double centre[3];
@@ -33,13 +42,17 @@ static const double *corner(const pc_mesh *mesh, size_t triangle, size_t c) {
 
 static void bound_triangle(const struct RTCBoundsFunctionArguments *arguments) {
     const pci_bvh *bvh = arguments->geometryUserPtr;
+    const double *corners[3];
     float lower[3], upper[3];
+    for (size_t c = 0; c < 3; ++c) {
+        corners[c] = corner(bvh->mesh, arguments->primID, c);
+    }
     for (size_t k = 0; k < 3; ++k) {
-        double least = INFINITY, most = -INFINITY;
-        for (size_t c = 0; c < 3; ++c) {
-            const double x = corner(bvh->mesh, arguments->primID, c)[k];
-            least = fmin(least, x);
-            most = fmax(most, x);
+        double least = corners[0][k], most = least;
+        for (size_t c = 1; c < 3; ++c) {
+            const double x = corners[c][k];
+            least = x < least ? x : least;
+            most = x > most ? x : most;
         }
         lower[k] = (float)((least - bvh->centre[k]) * bvh->scale - PADDING);
         upper[k] = (float)((most - bvh->centre[k]) * bvh->scale + PADDING);
@@ -77,22 +90,28 @@ static bool normalise_space(pci_bvh *bvh) {
     const pc_mesh *mesh = bvh->mesh;
     double side = 0.0;
     for (size_t k = 0; k < 3; ++k) {
-        bvh->minimum[k] = INFINITY;
-        bvh->maximum[k] = -INFINITY;
-        for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
-            const double x = mesh->positions[3 * (size_t)mesh->triangles[i] + k];
-            if (!isfinite(x)) {
+        bvh->minimum[k] = HUGE_VAL;
+        bvh->maximum[k] = -HUGE_VAL;
+    }
+    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
+        const double *at = &mesh->positions[3 * (size_t)mesh->triangles[i]];
+        for (size_t k = 0; k < 3; ++k) {
+            if (!isfinite(at[k])) {
                 return false;
             }
-            bvh->minimum[k] = fmin(bvh->minimum[k], x);
-            bvh->maximum[k] = fmax(bvh->maximum[k], x);
+            bvh->minimum[k] = at[k] < bvh->minimum[k] ? at[k] : bvh->minimum[k];
+            bvh->maximum[k] = at[k] > bvh->maximum[k] ? at[k] : bvh->maximum[k];
         }
+    }
+    for (size_t k = 0; k < 3; ++k) {
         bvh->centre[k] = 0.5 * (bvh->minimum[k] + bvh->maximum[k]);
         side = fmax(side, bvh->maximum[k] - bvh->minimum[k]);
     }
     bvh->scale = side >= DBL_MIN ? 1.0 / side : 1.0;
     return true;
 }
+
+static double measure_overlap(const pci_bvh *bvh);
 
 static enum RTCError build_scene(pc_context *context, const char *stage, pci_bvh *bvh,
                                  build_watch *watch) {
@@ -107,6 +126,9 @@ static enum RTCError build_scene(pc_context *context, const char *stage, pci_bvh
     rtcSetGeometryBoundsFunction(geometry, bound_triangle, NULL);
     rtcSetGeometryIntersectFunction(geometry, intersect_triangle);
     rtcCommitGeometry(geometry);
+    if (bvh->mesh->triangle_count > MOST_CAREFUL) {
+        rtcSetSceneBuildQuality(bvh->scene, RTC_BUILD_QUALITY_LOW);
+    }
     rtcAttachGeometry(bvh->scene, geometry);
     rtcReleaseGeometry(geometry);
     if (context->stage != NULL && strcmp(context->stage, stage) == 0) {
@@ -117,12 +139,8 @@ static enum RTCError build_scene(pc_context *context, const char *stage, pci_bvh
     return rtcGetDeviceError(device);
 }
 
-pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *mesh,
-                         pci_bvh **bvh) {
-    *bvh = mesh == context->shared_mesh ? context->shared_bvh : NULL;
-    if (*bvh != NULL) {
-        return PC_OK;
-    }
+static pc_status build_tree(pc_context *context, const char *stage, const pc_mesh *mesh,
+                            pci_bvh **bvh) {
     if (mesh->triangle_count >= PC_INVALID_INDEX) {
         return pci_fail(context, PC_ERROR_TOO_LARGE, stage, "%s: %zu triangles are too many", stage,
                         mesh->triangle_count);
@@ -142,6 +160,7 @@ pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *
         pci_bvh_destroy(context, created);
         return pci_fail_memory(context, stage);
     }
+    created->repeats = memchr(created->duplicate, 1, mesh->triangle_count) != NULL;
     if (!normalise_space(created)) {
         pci_bvh_destroy(context, created);
         return pci_fail(context, PC_ERROR_NUMERICAL, stage,
@@ -161,12 +180,76 @@ pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *
         return pci_fail(context, PC_ERROR_DEPENDENCY, stage, "%s: Embree failed with error %d",
                         stage, (int)error);
     }
-    *bvh = created;
-    if (mesh == context->shared_mesh) {
-        context->shared_bvh = created;
+    const double overlap = measure_overlap(created);
+    if (overlap > MOST_OVERLAP) {
+        pci_bvh_destroy(context, created);
+        return pci_fail(context, PC_ERROR_TOO_LARGE, stage,
+                        "%s: the boxes of %.0f triangles hold the same point, at most %.0f", stage,
+                        overlap, MOST_OVERLAP);
     }
+    *bvh = created;
     return PC_OK;
 }
+
+// Whether both meshes have the same triangles in the same order, though maybe under other vertex
+// indices or facing the other way: what repairing a mesh leaves of one that needs none.
+static bool same_triangles(const pc_mesh *a, const pc_mesh *b) {
+    if (a->triangle_count != b->triangle_count) {
+        return false;
+    }
+    bool same = true;
+    for (size_t t = 0; t < a->triangle_count && same; ++t) {
+        const double *p[3], *q[3];
+        for (size_t c = 0; c < 3; ++c) {
+            p[c] = corner(a, t, c);
+            q[c] = corner(b, t, c);
+        }
+        const bool turned = pci_squared_distance(p[1], q[1]) != 0.0;
+        same = pci_squared_distance(p[0], q[0]) == 0.0 &&
+               pci_squared_distance(p[1], q[turned ? 2 : 1]) == 0.0 &&
+               pci_squared_distance(p[2], q[turned ? 1 : 2]) == 0.0;
+    }
+    return same;
+}
+
+// The shared tree, for a mesh with the same triangles.
+static pc_status borrow_shared(pc_context *context, const char *stage, const pc_mesh *mesh,
+                               pci_bvh **bvh) {
+    pci_bvh *borrowed = PCI_ALLOCATE(context, pci_bvh, 1);
+    if (borrowed == NULL) {
+        return pci_fail_memory(context, stage);
+    }
+    *borrowed = *context->shared_bvh;
+    borrowed->mesh = mesh;
+    borrowed->duplicate = NULL; // asked for while the tree is built only
+    rtcRetainScene(borrowed->scene);
+    *bvh = borrowed;
+    return PC_OK;
+}
+
+pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *mesh,
+                         pci_bvh **bvh) {
+    const pc_mesh *shared = context->shared_mesh;
+    *bvh = NULL;
+    if (shared == NULL || (mesh != shared && !same_triangles(mesh, shared))) {
+        return build_tree(context, stage, mesh, bvh);
+    }
+    if (context->shared_bvh == NULL) {
+        const pc_status status = build_tree(context, stage, shared, &context->shared_bvh);
+        if (status != PC_OK) {
+            return status;
+        }
+    }
+    if (mesh == shared) {
+        *bvh = context->shared_bvh;
+        return PC_OK;
+    }
+    // Repetitions that are left out are some that the other mesh may keep apart.
+    return context->shared_bvh->repeats ? build_tree(context, stage, mesh, bvh)
+                                        : borrow_shared(context, stage, mesh, bvh);
+}
+
+bool pci_bvh_shares(const pc_context *context) { return context->shared_mesh != NULL; }
 
 void pci_bvh_share(pc_context *context, const pc_mesh *mesh) {
     pci_bvh *last = context->shared_bvh;
@@ -348,6 +431,45 @@ static void visit_around(const pci_bvh *bvh, const double point[3], double radiu
     rtcPointQuery(bvh->scene, &search, &search_context, visit, user);
 }
 
+typedef struct overlap_query {
+    const pci_bvh *bvh;
+    const double *point;
+    size_t count;
+} overlap_query;
+
+// Counts the boxes that hold the point.
+static bool count_box(struct RTCPointQueryFunctionArguments *arguments) {
+    overlap_query *query = arguments->userPtr;
+    bool inside = true;
+    for (size_t k = 0; k < 3 && inside; ++k) {
+        const double x = query->point[k];
+        bool below = false, above = false;
+        for (size_t c = 0; c < 3; ++c) {
+            const double at = corner(query->bvh->mesh, arguments->primID, c)[k];
+            below = below || at <= x;
+            above = above || at >= x;
+        }
+        inside = below && above;
+    }
+    query->count += inside;
+    return false;
+}
+
+// How many boxes hold the middle of a triangle, on average over some.
+static double measure_overlap(const pci_bvh *bvh) {
+    enum { most_samples = 64 };
+    const size_t count = bvh->mesh->triangle_count;
+    const size_t samples = count < most_samples ? count : most_samples;
+    overlap_query query = {.bvh = bvh};
+    for (size_t i = 0; i < samples; ++i) {
+        double middle[3], slack = 0.0;
+        pci_triangle_middle(bvh->mesh, i * (count / samples), middle);
+        query.point = middle;
+        visit_around(bvh, middle, 0.0, count_box, &query, &slack);
+    }
+    return samples > 0 ? (double)query.count / (double)samples : 0.0;
+}
+
 // The result of a finished query.
 static pci_closest found_closest(const closest_query *query) {
     pci_closest closest = {.triangle = query->triangle};
@@ -378,27 +500,41 @@ typedef struct within_query {
     const pc_mesh *mesh;
     const double *point;
     double radius;
-    bool found;
+    uint32_t found; // PC_INVALID_INDEX: none so far
 } within_query;
+
+static bool is_within(const within_query *query, uint32_t triangle) {
+    double barycentric[3];
+    return sqrt(distance2_to(query->mesh, triangle, query->point, barycentric)) <= query->radius;
+}
 
 static bool visit_until_found(struct RTCPointQueryFunctionArguments *arguments) {
     within_query *query = arguments->userPtr;
-    const uint32_t t = arguments->primID;
-    double barycentric[3];
-    if (query->found ||
-        !(sqrt(distance2_to(query->mesh, t, query->point, barycentric)) <= query->radius)) {
+    if (query->found != PC_INVALID_INDEX || !is_within(query, arguments->primID)) {
         return false;
     }
-    query->found = true;
+    query->found = arguments->primID;
     arguments->query->radius = 0.0F; // hardly anything is visited from now on
     return true;
 }
 
 bool pci_bvh_within(const pci_bvh *bvh, const double point[3], double radius) {
-    within_query query = {bvh->mesh, point, radius, false};
+    uint32_t hint = PC_INVALID_INDEX;
+    return pci_bvh_within_near(bvh, point, radius, &hint);
+}
+
+bool pci_bvh_within_near(const pci_bvh *bvh, const double point[3], double radius, uint32_t *hint) {
+    within_query query = {bvh->mesh, point, radius, PC_INVALID_INDEX};
+    if (*hint != PC_INVALID_INDEX && is_within(&query, *hint)) {
+        return true;
+    }
     double slack = 0.0;
     visit_around(bvh, point, radius, visit_until_found, &query, &slack);
-    return query.found;
+    if (query.found == PC_INVALID_INDEX) {
+        return false;
+    }
+    *hint = query.found;
+    return true;
 }
 
 pci_closest pci_bvh_closest_near(const pci_bvh *bvh, const double point[3], uint32_t hint) {

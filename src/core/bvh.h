@@ -10,14 +10,17 @@
 typedef struct pci_bvh pci_bvh;
 
 // The mesh must stay alive and unchanged. Degenerate triangles count as segments or points. Can be
-// cancelled, by the user of the running stage when that is `stage`.
+// cancelled, by the user of the running stage when that is `stage`. PC_ERROR_TOO_LARGE where the
+// triangles lie in each other's boxes so much that most searches would visit thousands.
 PC_NODISCARD pc_status pci_bvh_create(pc_context *context, const char *stage, const pc_mesh *mesh,
                                       pci_bvh **bvh);
 void pci_bvh_destroy(pc_context *context, pci_bvh *bvh); // NULL is accepted
 
-// From now on one tree of this very mesh serves all that create one, until this is called with
-// another mesh or NULL. Between the calls the mesh must stay alive and unchanged.
+// From now on one tree of this mesh, built when it is first needed, serves all that create one of it
+// or of a mesh with the same triangles in the same order, until this is called with another mesh or
+// NULL. Between the calls the mesh must stay alive and unchanged.
 void pci_bvh_share(pc_context *context, const pc_mesh *mesh);
+bool pci_bvh_shares(const pc_context *context); // whether there is such a mesh
 
 typedef struct pci_closest {
     uint32_t triangle; // PC_INVALID_INDEX: nothing within the radius
@@ -31,6 +34,11 @@ pci_closest pci_bvh_closest(const pci_bvh *bvh, const double point[3], double ra
 
 // Whether any point of the mesh is within `radius`; quicker, since the first one will do.
 bool pci_bvh_within(const pci_bvh *bvh, const double point[3], double radius);
+
+// The same, but `hint`, a triangle or PC_INVALID_INDEX, is asked before any other, and becomes the
+// one that was found. Among neighbours it mostly settles the matter, and where a hundred thousand
+// boxes hold the point, all of which a search visits, nothing else is quick.
+bool pci_bvh_within_near(const pci_bvh *bvh, const double point[3], double radius, uint32_t *hint);
 
 // The closest point within any radius, but much quicker where triangle `hint` is near: a search
 // among neighbours hands on what it found last. PC_INVALID_INDEX: no idea.

@@ -63,6 +63,7 @@ typedef struct probing {
 
 static void probe_sides(void *user, size_t begin, size_t end, uint32_t worker) {
     probing *p = user;
+    uint32_t last = PC_INVALID_INDEX;
     (void)worker;
     for (size_t i = begin; i < end; ++i) {
         const size_t first = p->offsets[i], count = p->offsets[i + 1] - first;
@@ -80,7 +81,7 @@ static void probe_sides(void *user, size_t begin, size_t end, uint32_t worker) {
                 probe[k] = 0.5 * (ends[k] + ends[3 + k]) - p->reach * inward[k];
             }
             memcpy(&p->all->inwards[3 * (first + j)], inward, sizeof(inward));
-            p->open[first + j] = !pci_bvh_within(p->bvh, probe, 0.5 * p->reach);
+            p->open[first + j] = !pci_bvh_within_near(p->bvh, probe, 0.5 * p->reach, &last);
         }
     }
 }

@@ -13,28 +13,33 @@ typedef struct queue {
     size_t size, head, count;
 } queue;
 
-static void queue_push(queue *q, uint32_t node) {
-    if (!q->member[node]) {
-        q->member[node] = 1;
-        q->nodes[(q->head + q->count) % q->size] = node;
+static void queue_push(queue *q, uint32_t item) {
+    if (!q->member[item]) {
+        q->member[item] = 1;
+        q->nodes[(q->head + q->count) % q->size] = item;
         ++q->count;
     }
 }
 
 static uint32_t queue_pop(queue *q) {
-    const uint32_t node = q->nodes[q->head];
+    const uint32_t item = q->nodes[q->head];
     q->head = (q->head + 1) % q->size;
     --q->count;
-    q->member[node] = 0;
-    return node;
+    q->member[item] = 0;
+    return item;
 }
+
+typedef struct flow_node {
+    uint64_t stamp;  // `distance` is known to be right at this time
+    uint32_t parent; // arc from the node to its parent
+    uint32_t above;  // where that leads
+    uint32_t distance;
+    uint8_t tree;
+} flow_node;
 
 typedef struct search {
     const pci_flow_network *net;
-    uint8_t *tree;
-    uint32_t *parent; // arc from the node to its parent
-    uint32_t *distance;
-    uint64_t *stamp; // `distance` is known to be right at this time
+    flow_node *nodes;
     uint64_t time;
     queue active, orphans;
     int64_t flow;
@@ -52,26 +57,29 @@ static uint32_t grow(search *s) {
     const pci_flow_network *net = s->net;
     while (s->active.count != 0) {
         const uint32_t p = s->active.nodes[s->active.head];
-        const uint8_t tree = s->tree[p];
+        const uint8_t tree = s->nodes[p].tree;
         for (size_t k = net->offsets[p]; tree != FREE && k < net->offsets[p + 1]; ++k) {
             const uint32_t arc = net->arcs[k];
             if (growth(s, tree, arc) == 0) {
                 continue;
             }
             const uint32_t q = net->heads[arc];
-            if (s->tree[q] == FREE) {
-                s->tree[q] = tree;
-                s->parent[q] = arc ^ 1u;
-                s->stamp[q] = s->stamp[p];
-                s->distance[q] = s->distance[p] + 1;
+            if (s->nodes[q].tree == FREE) {
+                s->nodes[q].tree = tree;
+                s->nodes[q].parent = arc ^ 1u;
+                s->nodes[q].above = p;
+                s->nodes[q].stamp = s->nodes[p].stamp;
+                s->nodes[q].distance = s->nodes[p].distance + 1;
                 queue_push(&s->active, q);
-            } else if (s->tree[q] != tree) {
+            } else if (s->nodes[q].tree != tree) {
                 return tree == SOURCE ? arc : arc ^ 1u;
-            } else if (s->stamp[q] <= s->stamp[p] && s->distance[q] > s->distance[p] + 1) {
+            } else if (s->nodes[q].stamp <= s->nodes[p].stamp &&
+                       s->nodes[q].distance > s->nodes[p].distance + 1) {
                 // A shorter way to the root.
-                s->parent[q] = arc ^ 1u;
-                s->stamp[q] = s->stamp[p];
-                s->distance[q] = s->distance[p] + 1;
+                s->nodes[q].parent = arc ^ 1u;
+                s->nodes[q].above = p;
+                s->nodes[q].stamp = s->nodes[p].stamp;
+                s->nodes[q].distance = s->nodes[p].distance + 1;
             }
         }
         queue_pop(&s->active);
@@ -80,7 +88,7 @@ static uint32_t grow(search *s) {
 }
 
 static void make_orphan(search *s, uint32_t node) {
-    s->parent[node] = ORPHAN;
+    s->nodes[node].parent = ORPHAN;
     queue_push(&s->orphans, node);
 }
 
@@ -92,8 +100,8 @@ static void augment(search *s, uint32_t bridge) {
     int64_t amount = cap[bridge];
     for (uint32_t side = 0; side < 2; ++side) {
         uint32_t v = ends[side];
-        for (; s->parent[v] != TERMINAL; v = net->heads[s->parent[v]]) {
-            const int64_t room = cap[s->parent[v] ^ (side == 0)];
+        for (; s->nodes[v].parent != TERMINAL; v = s->nodes[v].above) {
+            const int64_t room = cap[s->nodes[v].parent ^ (side == 0)];
             amount = room < amount ? room : amount;
         }
         const int64_t room = side == 0 ? net->terminals[v] : -net->terminals[v];
@@ -103,15 +111,14 @@ static void augment(search *s, uint32_t bridge) {
     cap[bridge ^ 1u] += amount;
     for (uint32_t side = 0; side < 2; ++side) {
         uint32_t v = ends[side];
-        while (s->parent[v] != TERMINAL) {
-            const uint32_t up = s->parent[v];
-            const uint32_t forward = up ^ (side == 0);
+        while (s->nodes[v].parent != TERMINAL) {
+            const uint32_t forward = s->nodes[v].parent ^ (side == 0);
             cap[forward] -= amount;
             cap[forward ^ 1u] += amount;
             if (cap[forward] == 0) {
                 make_orphan(s, v);
             }
-            v = net->heads[up];
+            v = s->nodes[v].above;
         }
         net->terminals[v] += side == 0 ? -amount : amount;
         if (net->terminals[v] == 0) {
@@ -123,42 +130,41 @@ static void augment(search *s, uint32_t bridge) {
 
 // Distance of `node` to its terminal, or UINT32_MAX when the way up ends at an orphan.
 static uint32_t root_distance(search *s, uint32_t node) {
-    const pci_flow_network *net = s->net;
     uint32_t steps = 0, base = 0;
     uint32_t v = node;
-    for (;; v = net->heads[s->parent[v]], ++steps) {
-        if (s->stamp[v] == s->time) {
-            base = s->distance[v];
+    for (;; v = s->nodes[v].above, ++steps) {
+        if (s->nodes[v].stamp == s->time) {
+            base = s->nodes[v].distance;
             break;
         }
-        if (s->parent[v] == TERMINAL) {
+        if (s->nodes[v].parent == TERMINAL) {
             base = 1;
-            s->stamp[v] = s->time;
-            s->distance[v] = 1;
+            s->nodes[v].stamp = s->time;
+            s->nodes[v].distance = 1;
             break;
         }
-        if (s->parent[v] == ORPHAN || s->parent[v] == NO_PARENT) {
+        if (s->nodes[v].parent == ORPHAN || s->nodes[v].parent == NO_PARENT) {
             return UINT32_MAX;
         }
     }
     // Remember what was learnt for the next orphans.
     const uint32_t distance = base + steps;
     uint32_t left = distance;
-    for (v = node; s->stamp[v] != s->time; v = net->heads[s->parent[v]]) {
-        s->stamp[v] = s->time;
-        s->distance[v] = left--;
+    for (v = node; s->nodes[v].stamp != s->time; v = s->nodes[v].above) {
+        s->nodes[v].stamp = s->time;
+        s->nodes[v].distance = left--;
     }
     return distance;
 }
 
 static void adopt(search *s, uint32_t orphan) {
     const pci_flow_network *net = s->net;
-    const uint8_t tree = s->tree[orphan];
+    const uint8_t tree = s->nodes[orphan].tree;
     uint32_t best = NO_ARC, best_distance = UINT32_MAX;
     for (size_t k = net->offsets[orphan]; k < net->offsets[orphan + 1]; ++k) {
         const uint32_t arc = net->arcs[k];
         const uint32_t q = net->heads[arc];
-        if (s->tree[q] == tree && growth(s, tree, arc ^ 1u) != 0) {
+        if (s->nodes[q].tree == tree && growth(s, tree, arc ^ 1u) != 0) {
             const uint32_t distance = root_distance(s, q);
             if (distance < best_distance) {
                 best = arc;
@@ -167,25 +173,26 @@ static void adopt(search *s, uint32_t orphan) {
         }
     }
     if (best != NO_ARC) {
-        s->parent[orphan] = best;
-        s->stamp[orphan] = s->time;
-        s->distance[orphan] = best_distance + 1;
+        s->nodes[orphan].parent = best;
+        s->nodes[orphan].above = net->heads[best];
+        s->nodes[orphan].stamp = s->time;
+        s->nodes[orphan].distance = best_distance + 1;
         return;
     }
     // No parent left: the node becomes free, its children orphans, and the neighbours that could
     // reach it active.
-    s->tree[orphan] = FREE;
-    s->parent[orphan] = NO_PARENT;
+    s->nodes[orphan].tree = FREE;
+    s->nodes[orphan].parent = NO_PARENT;
     for (size_t k = net->offsets[orphan]; k < net->offsets[orphan + 1]; ++k) {
         const uint32_t arc = net->arcs[k];
         const uint32_t q = net->heads[arc];
-        if (s->tree[q] != tree) {
+        if (s->nodes[q].tree != tree) {
             continue;
         }
         if (growth(s, tree, arc ^ 1u) != 0) {
             queue_push(&s->active, q);
         }
-        if (s->parent[q] < ORPHAN && net->heads[s->parent[q]] == orphan) {
+        if (s->nodes[q].parent < ORPHAN && s->nodes[q].above == orphan) {
             make_orphan(s, q);
         }
     }
@@ -196,10 +203,7 @@ bool pci_maxflow(pc_context *context, const pci_flow_network *network, int64_t *
     const size_t n = network->node_count;
     pci_scratch scratch = pci_scratch_begin(context);
     search s = {.net = network};
-    s.tree = PCI_SCRATCH(&scratch, uint8_t, n);
-    s.parent = PCI_SCRATCH(&scratch, uint32_t, n);
-    s.distance = PCI_SCRATCH(&scratch, uint32_t, n);
-    s.stamp = PCI_SCRATCH(&scratch, uint64_t, n);
+    s.nodes = PCI_SCRATCH(&scratch, flow_node, n);
     s.active.nodes = PCI_SCRATCH(&scratch, uint32_t, n);
     s.active.member = PCI_SCRATCH(&scratch, uint8_t, n);
     s.orphans.nodes = PCI_SCRATCH(&scratch, uint32_t, n);
@@ -208,11 +212,11 @@ bool pci_maxflow(pc_context *context, const pci_flow_network *network, int64_t *
     bool ok = !scratch.failed;
     if (ok) {
         for (uint32_t v = 0; v < n; ++v) {
-            s.parent[v] = NO_PARENT;
+            s.nodes[v].parent = NO_PARENT;
             if (network->terminals[v] != 0) {
-                s.tree[v] = network->terminals[v] > 0 ? SOURCE : SINK;
-                s.parent[v] = TERMINAL;
-                s.distance[v] = 1;
+                s.nodes[v].tree = network->terminals[v] > 0 ? SOURCE : SINK;
+                s.nodes[v].parent = TERMINAL;
+                s.nodes[v].distance = 1;
                 queue_push(&s.active, v);
             }
         }
@@ -225,7 +229,7 @@ bool pci_maxflow(pc_context *context, const pci_flow_network *network, int64_t *
         }
         *flow = s.flow;
         for (size_t v = 0; v < n; ++v) {
-            reachable[v] = s.tree[v] == SOURCE;
+            reachable[v] = s.nodes[v].tree == SOURCE;
         }
     }
     pci_scratch_end(&scratch);

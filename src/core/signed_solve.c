@@ -96,6 +96,16 @@ cleanup:
     return status;
 }
 
+// The bound of roof duality for a problem that it cannot reduce: half of what each vertex wishes is
+// lost, since the relaxation has an optimum with all labels one half.
+static int64_t half_bound(const pci_signed_graph *graph) {
+    int64_t wishes = 0;
+    for (size_t e = 0; e < graph->edge_count && graph->edges[e].a == PCI_GROUND; ++e) {
+        wishes += graph->edges[e].cost;
+    }
+    return graph->constant + wishes / 2 + wishes % 2;
+}
+
 // A connected problem that roof duality cannot reduce.
 static pc_status solve_component(solver *s, const pci_signed_graph *graph, uint8_t *labels,
                                  int64_t *bound) {
@@ -111,13 +121,11 @@ static pc_status solve_component(solver *s, const pci_signed_graph *graph, uint8
     pc_status status = PC_OK;
     pci_scratch scratch = pci_scratch_begin(s->context);
     pci_cycle_bound cycles = {0};
-    pci_roof roof;
-    if (!pci_roof_duality(&scratch, graph, &roof) ||
-        !pci_signed_search(s->context, graph, NULL, 1, labels)) {
+    if (!pci_signed_search(s->context, graph, NULL, 1, labels)) {
         status = pci_fail_memory(s->context, s->stage);
         goto cleanup;
     }
-    *bound = roof.bound;
+    *bound = half_bound(graph);
     if (s->budget.left == 0) {
         goto cleanup;
     }

@@ -223,11 +223,6 @@ static pc_status draw_exhibits(sheet *s) {
     return PC_OK;
 }
 
-// Frames at equal distances up to the last one.
-static size_t shown_frame(const sheet *s, size_t i) {
-    return (i + 1) * s->asset->motion.frame_count / s->frame_count - 1;
-}
-
 // Mean over the area.
 static double mean_stretch(const pc_mesh *rest, const double *values) {
     double sum = 0.0, total = 0.0;
@@ -255,63 +250,33 @@ static void caption_frame(sheet *s, size_t frame, const pci_picture pictures[2],
 }
 
 // A frame with the proxy's edges, and the same coloured by stretch.
-static bool draw_frame(sheet *s, size_t i, const pc_mesh *skinned, const pc_mesh *proxy,
-                       const pci_camera *camera) {
-    const size_t nv = skinned->vertex_count;
-    const size_t row = 2 + i / s->columns, column = i % s->columns;
+static pc_status draw_frame(void *user, const pci_shown_frame *shown) {
+    sheet *s = user;
+    const size_t row = 2 + shown->picture / s->columns, column = shown->picture % s->columns;
     const pci_renderer *renderer = &s->renderer;
+    if (!advance(s, s->exhibit_count + shown->picture)) {
+        return pci_fail_cancelled(s->context, stage);
+    }
     pci_scratch scratch = pci_scratch_begin(s->context);
     pci_model garment, cage;
-    double *values = PCI_SCRATCH(&scratch, double, nv);
-    float *colors = PCI_SCRATCH(&scratch, float, 3 * nv);
+    double *values = PCI_SCRATCH(&scratch, double, shown->skinned.vertex_count);
+    float *colors = PCI_SCRATCH(&scratch, float, 3 * shown->skinned.vertex_count);
     const pci_picture pictures[2] = {{tile_at(s, row, column), NULL},
                                      {tile_at(s, row + s->frame_rows, column), colors}};
     const bool drawn =
         !scratch.failed &&
-        pci_stretch_colors(&scratch, &s->asset->visual.surface, skinned->positions, values,
+        pci_stretch_colors(&scratch, &s->asset->visual.surface, shown->skinned.positions, values,
                            colors) &&
-        pci_model_build(renderer, &scratch, skinned, PCI_LOOK_SMOOTH, &s->visual, &garment) &&
-        pci_model_build(renderer, &scratch, proxy, PCI_LOOK_UNLIT, NULL, &cage) &&
-        pci_draw(renderer, &garment, camera, PCI_STYLE_SURFACE, pictures, 2) &&
-        pci_draw(renderer, &cage, camera, PCI_STYLE_EDGES_ON_TOP, pictures, 1);
+        pci_model_build(renderer, &scratch, &shown->skinned, PCI_LOOK_SMOOTH, &s->visual,
+                        &garment) &&
+        pci_model_build(renderer, &scratch, &shown->proxy, PCI_LOOK_UNLIT, NULL, &cage) &&
+        pci_draw(renderer, &garment, &shown->camera, PCI_STYLE_SURFACE, pictures, 2) &&
+        pci_draw(renderer, &cage, &shown->camera, PCI_STYLE_EDGES_ON_TOP, pictures, 1);
     if (drawn) {
-        caption_frame(s, shown_frame(s, i), pictures, values);
+        caption_frame(s, shown->frame, pictures, values);
     }
     pci_scratch_end(&scratch);
-    return drawn;
-}
-
-// The skinned visual mesh, all frames with one camera.
-static pc_status draw_frames(sheet *s) {
-    const pc_asset *a = s->asset;
-    pci_scratch scratch = pci_scratch_begin(s->context);
-    pc_mesh proxy = a->proxy;
-    pci_posed posed;
-    pc_status status = pci_pose_begin(&scratch, stage, a, &posed);
-    if (status != PC_OK) {
-        goto cleanup;
-    }
-    pci_camera camera = pci_three_quarter_view(pci_up_axis_of(a), 0.0);
-    double extent[4] = {INFINITY, -INFINITY, INFINITY, -INFINITY};
-    for (size_t pass = 0; pass < 2; ++pass) {
-        for (size_t i = 0; i < s->frame_count && status == PC_OK; ++i) {
-            const size_t frame = shown_frame(s, i);
-            proxy.positions = &a->motion.positions[3 * frame * a->motion.vertex_count];
-            pci_pose_frame(&posed, frame);
-            if (pass == 0) {
-                pci_extend_view(&camera, &posed.mesh, extent);
-            } else if (!advance(s, s->exhibit_count + i)) {
-                status = pci_fail_cancelled(s->context, stage);
-            } else if (!draw_frame(s, i, &posed.mesh, &proxy, &camera)) {
-                status = pci_fail_memory(s->context, stage);
-            }
-        }
-        pci_aim_camera(&camera, extent, s->tile);
-    }
-
-cleanup:
-    pci_scratch_end(&scratch);
-    return status;
+    return drawn ? PC_OK : pci_fail_memory(s->context, stage);
 }
 
 pc_status pc_export_contact_sheet(pc_context *context, const pc_asset *asset,
@@ -354,7 +319,7 @@ pc_status pc_export_contact_sheet(pc_context *context, const pc_asset *asset,
     }
     status = draw_exhibits(&s);
     if (status == PC_OK && s.frame_count > 0) {
-        status = draw_frames(&s);
+        status = pci_show_frames(context, stage, asset, s.frame_count, s.tile, draw_frame, &s);
     }
     if (status == PC_OK) {
         status = pci_write_png(context, stage, &s.image, path);

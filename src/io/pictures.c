@@ -53,21 +53,40 @@ uint32_t pci_up_axis_of(const pc_asset *asset) {
     return axis < 3 ? axis : 1;
 }
 
-pc_status pci_pose_begin(pci_scratch *scratch, const char *stage, const pc_asset *asset,
-                         pci_posed *posed) {
-    *posed = (pci_posed){.asset = asset, .mesh = asset->visual.surface};
-    posed->mesh.positions = PCI_SCRATCH(scratch, double, 3 * posed->mesh.vertex_count);
-    return scratch->failed ? pci_fail_memory(scratch->context, stage)
-                           : pci_rotations_of_motion(scratch, stage, &asset->proxy, &asset->motion,
-                                                     asset->skin.skinning == PC_SKINNING_ROTATION,
-                                                     &posed->rotations);
-}
+// ---- the garment in motion ----------------------------------------------------------------------
 
-void pci_pose_frame(pci_posed *posed, size_t frame) {
-    const pc_asset *a = posed->asset;
-    pc_skin_deform(&a->skin, a->visual.surface.positions, a->proxy.positions,
-                   &a->motion.positions[3 * frame * a->motion.vertex_count],
-                   pci_rotations_at(posed->rotations, &a->motion, frame), posed->mesh.positions);
+pc_status pci_show_frames(pc_context *context, const char *stage, const pc_asset *asset,
+                          size_t count, size_t tile, pci_frame_painter *paint, void *user) {
+    const pc_motion *motion = &asset->motion;
+    pci_scratch scratch = pci_scratch_begin(context);
+    double *rotations, extent[4] = {INFINITY, -INFINITY, INFINITY, -INFINITY};
+    pci_shown_frame shown = {.skinned = asset->visual.surface,
+                             .proxy = asset->proxy,
+                             .camera = pci_three_quarter_view(pci_up_axis_of(asset), 0.0)};
+    shown.skinned.positions = PCI_SCRATCH(&scratch, double, 3 * shown.skinned.vertex_count);
+    pc_status status =
+        scratch.failed
+            ? pci_fail_memory(context, stage)
+            : pci_rotations_of_motion(&scratch, stage, &asset->proxy, motion,
+                                      asset->skin.skinning == PC_SKINNING_ROTATION, &rotations);
+    for (size_t pass = 0; pass < 2; ++pass) { // the camera, then the pictures
+        for (size_t i = 0; i < count && status == PC_OK; ++i) {
+            shown.picture = i;
+            shown.frame = ((i + 1) * motion->frame_count + count - 1) / count - 1;
+            shown.proxy.positions = &motion->positions[3 * shown.frame * motion->vertex_count];
+            pc_skin_deform(&asset->skin, asset->visual.surface.positions, asset->proxy.positions,
+                           shown.proxy.positions, pci_rotations_at(rotations, motion, shown.frame),
+                           shown.skinned.positions);
+            if (pass == 0) {
+                pci_extend_view(&shown.camera, &shown.skinned, extent);
+            } else {
+                status = paint(user, &shown);
+            }
+        }
+        pci_aim_camera(&shown.camera, extent, tile);
+    }
+    pci_scratch_end(&scratch);
+    return status;
 }
 
 // ---- bones --------------------------------------------------------------------------------------

@@ -25,17 +25,22 @@ uint32_t pci_up_axis_of(const pc_asset *asset);
 
 // ---- the garment in motion ----------------------------------------------------------------------
 
-// The visual mesh as the weights and a frame of the motion pose it.
-typedef struct pci_posed {
-    const pc_asset *asset;
-    pc_mesh mesh;      // triangles are those of the asset
-    double *rotations; // of the proxy in all frames; NULL: weights that do not turn
-} pci_posed;
+// One of the frames that pictures show.
+typedef struct pci_shown_frame {
+    size_t picture, frame;
+    pc_mesh skinned, proxy; // the visual mesh as the weights pose it, and what poses it
+    pci_camera camera;      // the same in all frames, none leaves its tile
+} pci_shown_frame;
 
-// Memory comes from scratch. The pose is undefined until pci_pose_frame.
-PC_NODISCARD pc_status pci_pose_begin(pci_scratch *scratch, const char *stage,
-                                      const pc_asset *asset, pci_posed *posed);
-void pci_pose_frame(pci_posed *posed, size_t frame);
+// Draws one frame of a picture; PC_OK to go on.
+typedef pc_status pci_frame_painter(void *user, const pci_shown_frame *shown);
+
+// Frames at equal distances up to the last one, for `count` pictures of so many pixels; with fewer
+// frames than pictures some appear twice. PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY;
+// what `paint` returns.
+PC_NODISCARD pc_status pci_show_frames(pc_context *context, const char *stage,
+                                       const pc_asset *asset, size_t count, size_t tile,
+                                       pci_frame_painter *paint, void *user);
 
 // ---- colours, linear ----------------------------------------------------------------------------
 

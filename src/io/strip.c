@@ -104,54 +104,25 @@ cleanup:
 }
 
 // One frame, plain and in the colours of its stretch.
-static bool draw_frame(strip *s, size_t column, const pc_mesh *skinned, const pci_camera *camera) {
+static pc_status draw_frame(void *user, const pci_shown_frame *shown) {
+    strip *s = user;
+    if (!advance(s, s->columns + shown->picture)) {
+        return pci_fail_cancelled(s->context, stage);
+    }
     pci_scratch scratch = pci_scratch_begin(s->context);
     pci_model model;
-    double *values = PCI_SCRATCH(&scratch, double, skinned->vertex_count);
-    float *colors = PCI_SCRATCH(&scratch, float, 3 * skinned->vertex_count);
-    const pci_picture pictures[2] = {{tile_at(s, SKINNED, column), NULL},
-                                     {tile_at(s, STRETCH, column), colors}};
+    double *values = PCI_SCRATCH(&scratch, double, shown->skinned.vertex_count);
+    float *colors = PCI_SCRATCH(&scratch, float, 3 * shown->skinned.vertex_count);
+    const pci_picture pictures[2] = {{tile_at(s, SKINNED, shown->picture), NULL},
+                                     {tile_at(s, STRETCH, shown->picture), colors}};
     const bool drawn =
         !scratch.failed &&
-        pci_stretch_colors(&scratch, &s->asset->visual.surface, skinned->positions, values,
+        pci_stretch_colors(&scratch, &s->asset->visual.surface, shown->skinned.positions, values,
                            colors) &&
-        pci_model_build(&s->renderer, &scratch, skinned, PCI_LOOK_SMOOTH, NULL, &model) &&
-        pci_draw(&s->renderer, &model, camera, PCI_STYLE_SURFACE, pictures, 2);
+        pci_model_build(&s->renderer, &scratch, &shown->skinned, PCI_LOOK_SMOOTH, NULL, &model) &&
+        pci_draw(&s->renderer, &model, &shown->camera, PCI_STYLE_SURFACE, pictures, 2);
     pci_scratch_end(&scratch);
-    return drawn;
-}
-
-// Frames at equal distances up to the last one, all with one camera.
-static pc_status draw_frames(strip *s) {
-    const pc_asset *a = s->asset;
-    pci_scratch scratch = pci_scratch_begin(s->context);
-    pci_posed posed;
-    pc_status status = pci_pose_begin(&scratch, stage, a, &posed);
-    if (status != PC_OK) {
-        goto cleanup;
-    }
-    pci_camera camera = pci_three_quarter_view(pci_up_axis_of(a), 0.0);
-    double extent[4] = {INFINITY, -INFINITY, INFINITY, -INFINITY};
-    for (size_t pass = 0; pass < 2; ++pass) {
-        for (size_t i = 0; i < s->columns && status == PC_OK; ++i) {
-            // With fewer frames than pictures some appear twice.
-            const size_t frame =
-                ((i + 1) * a->motion.frame_count + s->columns - 1) / s->columns - 1;
-            pci_pose_frame(&posed, frame);
-            if (pass == 0) {
-                pci_extend_view(&camera, &posed.mesh, extent);
-            } else if (!advance(s, s->columns + i)) {
-                status = pci_fail_cancelled(s->context, stage);
-            } else if (!draw_frame(s, i, &posed.mesh, &camera)) {
-                status = pci_fail_memory(s->context, stage);
-            }
-        }
-        pci_aim_camera(&camera, extent, s->tile);
-    }
-
-cleanup:
-    pci_scratch_end(&scratch);
-    return status;
+    return drawn ? PC_OK : pci_fail_memory(s->context, stage);
 }
 
 pc_status pc_export_strip(pc_context *context, const pc_asset *asset,
@@ -187,7 +158,7 @@ pc_status pc_export_strip(pc_context *context, const pc_asset *asset,
     write_titles(&s);
     status = draw_turntable(&s);
     if (status == PC_OK) {
-        status = draw_frames(&s);
+        status = pci_show_frames(context, stage, asset, s.columns, s.tile, draw_frame, &s);
     }
     if (status == PC_OK) {
         status = pci_write_png(context, stage, &s.image, path);

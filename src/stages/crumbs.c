@@ -70,8 +70,9 @@ static bool find_strangers(const sorting *s, size_t visual_count, uint8_t *stran
     return true;
 }
 
-// Marks the parts with a vertex farther than `reach` from the large ones.
-static pc_status find_distant(const sorting *s, double reach, uint8_t *distant) {
+// Marks the strangers with a vertex farther than `reach` from the large parts.
+static pc_status find_distant(const sorting *s, double reach, const uint8_t *stranger,
+                              uint8_t *distant) {
     pci_scratch *scratch = s->scratch;
     uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, s->layer->triangle_count);
     pc_mesh large = {0};
@@ -88,7 +89,7 @@ static pc_status find_distant(const sorting *s, double reach, uint8_t *distant) 
     const pc_status status = pci_bvh_create(scratch->context, s->stage, &large, &bvh);
     for (size_t i = 0; status == PC_OK && i < 3 * s->layer->triangle_count; ++i) {
         const uint32_t part = s->part[i / 3];
-        if (s->small[part] && !distant[part]) {
+        if (stranger[part] && !distant[part]) {
             const double *point = &s->layer->positions[3 * (size_t)s->layer->triangles[i]];
             distant[part] = !pci_bvh_within(bvh, point, reach);
         }
@@ -149,13 +150,17 @@ pc_status pci_drop_crumbs(pci_scratch *scratch, const char *stage, const pc_mesh
     if (!find_components(scratch, surface, &s.visual_component, &s.visual_areas, &visual_count)) {
         return pci_fail_memory(context, stage);
     }
-    pci_parallel_for(context, layer->triangle_count, grain, find_homes, &s);
+    if (visual_count > 1) { // otherwise all are at home in the first one
+        pci_parallel_for(context, layer->triangle_count, grain, find_homes, &s);
+    }
     if (!find_strangers(&s, visual_count, stranger)) {
         return pci_fail_memory(context, stage);
     }
-    const pc_status status = find_distant(&s, reach, distant);
-    if (status != PC_OK) {
-        return status;
+    if (memchr(stranger, 1, s.part_count) != NULL) {
+        const pc_status status = find_distant(&s, reach, stranger, distant);
+        if (status != PC_OK) {
+            return status;
+        }
     }
     for (size_t i = 0; i < s.part_count; ++i) {
         stranger[i] = !s.small[i] || (stranger[i] && distant[i]);

@@ -2,7 +2,7 @@
 
 #include "core/bvh.h"
 
-enum { grain = 512 };
+enum { grain = 512, face_grain = 16 };
 
 // How far a vertex may leave the fine surface, in wanted edge lengths. Three edges around a round
 // tube of radius r are nearest to it with their corners r / 3 outside, .144 of their length; more
@@ -19,6 +19,7 @@ typedef struct fitting {
     double *barycentric; // per sample, 3; of a border edge origin, target, 0
     double *residuals;   // per sample, 3: from the coarse triangle to the sample
     double *squared;     // per sample, squared length of the residual
+    double *faces;       // per coarse triangle and point of it, 4: nearest fine point, squared way
     double *pulls;       // per coarse vertex, 3: weighted sum of residuals
     double *pull_weights;
 } fitting;
@@ -60,21 +61,34 @@ static uint32_t nearest_border(const fitting *f, uint32_t h, const double point[
 }
 
 // Walks over the triangles, starting around coarse vertex v, to one that holds the nearest point
-// inside or that no triangle around that point beats.
-static uint32_t nearest_triangle(const fitting *f, uint32_t v, const double point[3]) {
+// inside or that no triangle around that point beats. Returns the squared distance.
+static double nearest_triangle(const fitting *f, uint32_t v, const double point[3],
+                               uint32_t *triangle, double bary[3]) {
+    enum { most_tried = 32 };
     const pci_halfedge *coarse = f->relaxation->coarse;
-    double bary[3], best = INFINITY, best_bary[3] = {0.0};
-    uint32_t triangle = PC_INVALID_INDEX;
+    double best = INFINITY, tried_bary[3];
     uint32_t around[2] = {v, PC_INVALID_INDEX}; // vertices of the edge that the point is on
+    uint32_t tried[most_tried];
+    size_t tried_count = 0;
     for (bool moved = true; moved;) {
         moved = false;
         for (size_t i = 0; i < 2 && around[i] != PC_INVALID_INDEX; ++i) {
             PCI_FOR_OUTGOING(coarse, around[i], h) {
-                const double distance = triangle_distance(f, h / 3, point, bary);
+                size_t k = 0;
+                while (k < tried_count && tried[k] != h / 3) {
+                    ++k;
+                }
+                if (k < tried_count) {
+                    continue;
+                }
+                if (tried_count < most_tried) {
+                    tried[tried_count++] = h / 3;
+                }
+                const double distance = triangle_distance(f, h / 3, point, tried_bary);
                 if (distance < best) {
                     best = distance;
-                    triangle = h / 3;
-                    memcpy(best_bary, bary, sizeof(best_bary));
+                    *triangle = h / 3;
+                    memcpy(bary, tried_bary, sizeof(tried_bary));
                     moved = true;
                 }
             }
@@ -82,13 +96,13 @@ static uint32_t nearest_triangle(const fitting *f, uint32_t v, const double poin
         size_t count = 0;
         around[0] = around[1] = PC_INVALID_INDEX;
         for (size_t c = 0; moved && c < 3; ++c) {
-            if (best_bary[c] > 0.0 && count++ < 2) {
-                around[count - 1] = coarse->corners[3 * (size_t)triangle + c];
+            if (bary[c] > 0.0 && count++ < 2) {
+                around[count - 1] = coarse->corners[3 * (size_t)*triangle + c];
             }
         }
         moved = moved && count < 3;
     }
-    return triangle;
+    return best;
 }
 
 // The three coarse vertices that carry sample s, their shares in f->barycentric.
@@ -114,8 +128,7 @@ static void find_residuals(void *user, size_t begin, size_t end, uint32_t worker
             f->elements[s] = nearest_border(f, f->elements[s], point);
             f->squared[s] = border_distance(f, f->elements[s], point, bary);
         } else {
-            f->elements[s] = nearest_triangle(f, f->elements[s], point);
-            f->squared[s] = triangle_distance(f, f->elements[s], point, bary);
+            f->squared[s] = nearest_triangle(f, f->elements[s], point, &f->elements[s], bary);
         }
         uint32_t vertices[3];
         sample_vertices(f, s, vertices);
@@ -153,13 +166,39 @@ static void sum_pulls(fitting *f) {
     }
 }
 
+// The points of a coarse triangle that look at the fine surface, by barycentric coordinates.
+enum { face_points = 4 };
+static const double face_shares[face_points][3] = {
+    {1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0}, {0.5, 0.5, 0.0}, {0.0, 0.5, 0.5}, {0.5, 0.0, 0.5}};
+
+static void face_point(const pci_halfedge *coarse, const uint32_t *corner, size_t i,
+                       double point[3]) {
+    for (size_t k = 0; k < 3; ++k) {
+        point[k] = 0.0;
+        for (size_t c = 0; c < 3; ++c) {
+            point[k] += face_shares[i][c] * coarse->positions[3 * (size_t)corner[c] + k];
+        }
+    }
+}
+
+static void find_face_targets(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const fitting *f = user;
+    const pci_halfedge *coarse = f->relaxation->coarse;
+    for (size_t t = begin; t < end; ++t) {
+        const uint32_t *corner = &coarse->corners[3 * t];
+        for (size_t i = 0; i < face_points; ++i) {
+            double point[3], *target = &f->faces[4 * (face_points * t + i)];
+            face_point(coarse, corner, i, point);
+            pci_relax_nearest_of(f->relaxation, corner, 3, point, target, &target[3]);
+        }
+    }
+}
+
 // The other way round: points of the coarse triangles pull towards the fine surface, so that faces
 // do not cut corners where no sample looks.
 static void add_face_pulls(fitting *f) {
-    const pci_relaxation *r = f->relaxation;
-    const pci_halfedge *coarse = r->coarse;
-    static const double shares[4][3] = {
-        {1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0}, {0.5, 0.5, 0.0}, {0.0, 0.5, 0.5}, {0.5, 0.0, 0.5}};
+    const pci_halfedge *coarse = f->relaxation->coarse;
     for (uint32_t t = 0; t < coarse->triangle_count; ++t) {
         const uint32_t *corner = &coarse->corners[3 * (size_t)t];
         double ab[3], ac[3], normal[3];
@@ -169,28 +208,15 @@ static void add_face_pulls(fitting *f) {
                 &coarse->positions[3 * (size_t)corner[0]], ac);
         pci_cross(ab, ac, normal);
         const double area = 0.125 * pci_norm(normal); // a quarter of the triangle
-        for (size_t i = 0; i < 4; ++i) {
-            double point[3], nearest[3] = {0.0}, squared = INFINITY;
-            for (size_t k = 0; k < 3; ++k) {
-                point[k] = 0.0;
-                for (size_t c = 0; c < 3; ++c) {
-                    point[k] += shares[i][c] * coarse->positions[3 * (size_t)corner[c] + k];
-                }
-            }
-            for (size_t c = 0; c < 3; ++c) {
-                double candidate[3];
-                pci_relax_nearest(r, corner[c], point, false, candidate);
-                const double distance = pci_squared_distance(candidate, point);
-                if (distance < squared) {
-                    squared = distance;
-                    memcpy(nearest, candidate, sizeof(nearest));
-                }
-            }
+        for (size_t i = 0; i < face_points; ++i) {
+            const double *nearest = &f->faces[4 * (face_points * (size_t)t + i)];
+            double point[3];
+            face_point(coarse, corner, i, point);
             for (size_t c = 0; c < 3; ++c) {
                 if (pci_is_border_vertex(coarse, corner[c])) {
                     continue;
                 }
-                const double w = area * squared * shares[i][c];
+                const double w = area * nearest[3] * face_shares[i][c];
                 f->pull_weights[corner[c]] += w;
                 for (size_t k = 0; k < 3; ++k) {
                     f->pulls[3 * (size_t)corner[c] + k] += w * (nearest[k] - point[k]);
@@ -329,6 +355,7 @@ bool pci_fit(pci_scratch *scratch, pci_relaxation *relaxation, const uint32_t *n
     f.barycentric = PCI_SCRATCH(scratch, double, 3 * samples);
     f.residuals = PCI_SCRATCH(scratch, double, 3 * samples);
     f.squared = PCI_SCRATCH(scratch, double, samples);
+    f.faces = PCI_SCRATCH(scratch, double, 4 * face_points * coarse->triangle_count);
     f.pulls = PCI_SCRATCH(scratch, double, 3 * coarse->vertex_count);
     f.pull_weights = PCI_SCRATCH(scratch, double, coarse->vertex_count);
     if (scratch->failed) {
@@ -339,7 +366,9 @@ bool pci_fit(pci_scratch *scratch, pci_relaxation *relaxation, const uint32_t *n
         for (size_t s = 0; s < samples; ++s) {
             f.elements[s] = arcs[s] > 0.0 ? coarse->outgoing[nearby[s]] : nearby[s];
         }
-        if (!pci_parallel_while_wanted(scratch->context, samples, grain, find_residuals, &f)) {
+        if (!pci_parallel_while_wanted(scratch->context, samples, grain, find_residuals, &f) ||
+            !pci_parallel_while_wanted(scratch->context, coarse->triangle_count, face_grain,
+                                       find_face_targets, &f)) {
             return false;
         }
         sum_pulls(&f);

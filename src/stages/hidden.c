@@ -5,7 +5,9 @@
 #include "core/bvh.h"
 #include "core/topology.h"
 
-enum { grain = 256, most_large = 20 };
+// Of each part, a few vertices are asked first, without a tree: most parts show at once that they
+// are not hidden.
+enum { grain = 256, most_large = 20, probes = 8 };
 static const double large_share = 1.0 / most_large;
 
 typedef struct part {
@@ -17,14 +19,16 @@ typedef struct hiding {
     pci_scratch *scratch;
     const pc_mesh *mesh;
     double reach;
-    size_t count;        // of components
-    uint32_t *component; // #F
-    part *parts;         // components, largest first
+    size_t count;    // of components
+    part *parts;     // components, largest first
+    uint32_t *ranks; // #F, of the triangle's component in `parts`
+    uint32_t *order; // #F, triangles by rank
+    size_t *offsets; // #components + 1, into `order`
     size_t large_count;
-    pc_mesh large[most_large]; // their triangles
+    pc_mesh large[most_large]; // their triangles, where somebody asked
     pci_bvh *bvh[most_large];
-    uint32_t *vertex_component; // #V
-    uint32_t *near;             // #V, bit i: the i-th large component is within reach
+    uint32_t stays; // bit i: the i-th large component stays, as far as that is known
+    uint32_t *near; // #V, bit i: the i-th large component that stays is within reach
 } hiding;
 
 static int compare_parts(const void *left, const void *right) {
@@ -36,60 +40,119 @@ static int compare_parts(const void *left, const void *right) {
 }
 
 static bool list_parts(hiding *h) {
+    const size_t triangles = h->mesh->triangle_count;
     pci_topology topology;
     double total = 0.0;
-    h->component = PCI_SCRATCH(h->scratch, uint32_t, h->mesh->triangle_count);
-    h->vertex_component = PCI_SCRATCH(h->scratch, uint32_t, h->mesh->vertex_count);
+    h->ranks = PCI_SCRATCH(h->scratch, uint32_t, triangles);
+    h->order = PCI_SCRATCH(h->scratch, uint32_t, triangles);
     h->near = PCI_SCRATCH(h->scratch, uint32_t, h->mesh->vertex_count);
     if (h->scratch->failed || !pci_topology_build(h->scratch, h->mesh, &topology)) {
         return false;
     }
-    h->count = pci_triangle_components(h->scratch, h->mesh, &topology, h->component);
+    h->count = pci_triangle_components(h->scratch, h->mesh, &topology, h->ranks);
     h->parts = PCI_SCRATCH(h->scratch, part, h->count);
-    if (h->parts == NULL) {
+    h->offsets = PCI_SCRATCH(h->scratch, size_t, h->count + 2);
+    uint32_t *rank_of = PCI_SCRATCH(h->scratch, uint32_t, h->count);
+    if (h->scratch->failed) {
         return false;
     }
     for (uint32_t i = 0; i < h->count; ++i) {
         h->parts[i].component = i;
     }
-    for (size_t t = 0; t < h->mesh->triangle_count; ++t) {
+    for (size_t t = 0; t < triangles; ++t) {
         const double area = pci_triangle_area(h->mesh, t);
-        h->parts[h->component[t]].area += area;
+        h->parts[h->ranks[t]].area += area;
         total += area;
-        for (size_t c = 0; c < 3; ++c) {
-            h->vertex_component[h->mesh->triangles[3 * t + c]] = h->component[t];
-        }
     }
     qsort(h->parts, h->count, sizeof(*h->parts), compare_parts);
     while (h->large_count < h->count && h->large_count < most_large &&
            h->parts[h->large_count].area >= large_share * total) {
         ++h->large_count;
     }
+    for (uint32_t i = 0; i < h->count; ++i) {
+        rank_of[h->parts[i].component] = i;
+    }
+    for (size_t t = 0; t < triangles; ++t) {
+        h->ranks[t] = rank_of[h->ranks[t]];
+        ++h->offsets[h->ranks[t] + 2];
+    }
+    for (size_t i = 2; i <= h->count; ++i) {
+        h->offsets[i + 1] += h->offsets[i];
+    }
+    for (size_t t = 0; t < triangles; ++t) {
+        h->order[h->offsets[h->ranks[t] + 1]++] = (uint32_t)t;
+    }
     return true;
 }
 
+// ---- a few vertices -----------------------------------------------------------------------------
+
+// Whether a triangle comes within `reach` of a point.
+static bool is_near(const pc_mesh *mesh, size_t t, const double point[3], double reach) {
+    const double *corner[3];
+    for (size_t c = 0; c < 3; ++c) {
+        corner[c] = &mesh->positions[3 * (size_t)mesh->triangles[3 * t + c]];
+    }
+    for (size_t k = 0; k < 3; ++k) {
+        const double a = corner[0][k] - point[k], b = corner[1][k] - point[k],
+                     c = corner[2][k] - point[k];
+        if ((a > reach && b > reach && c > reach) || (a < -reach && b < -reach && c < -reach)) {
+            return false;
+        }
+    }
+    double barycentric[3];
+    return sqrt(pci_triangle_squared_distance(point, corner[0], corner[1], corner[2],
+                                              barycentric)) <= reach;
+}
+
+// Whether one of a few vertices of a component is within reach of none of those that stay.
+static bool shows_at_once(const hiding *h, uint32_t rank) {
+    const size_t first = h->offsets[rank], count = h->offsets[rank + 1] - first;
+    for (size_t i = 0; i < probes; ++i) {
+        const uint32_t t = h->order[first + i * count / probes];
+        const double *point = &h->mesh->positions[3 * (size_t)h->mesh->triangles[3 * (size_t)t]];
+        bool near = false;
+        for (uint32_t other = 0; other < h->large_count && !near; ++other) {
+            const size_t end = (h->stays >> other & 1) != 0 ? h->offsets[other + 1] : 0;
+            for (size_t k = h->offsets[other]; k < end && !near; ++k) {
+                near = is_near(h->mesh, h->order[k], point, h->reach);
+            }
+        }
+        if (!near) {
+            return true;
+        }
+    }
+    return false;
+}
+
+// ---- all vertices -------------------------------------------------------------------------------
+
+// Makes trees of all that stay.
 static pc_status build_large(hiding *h, const char *stage) {
     pc_context *context = h->scratch->context;
-    uint8_t *keep = PCI_SCRATCH(h->scratch, uint8_t, h->mesh->triangle_count);
-    pc_status status = keep != NULL ? PC_OK : pci_fail_memory(context, stage);
+    pc_status status = PC_OK;
     for (size_t i = 0; i < h->large_count && status == PC_OK; ++i) {
-        for (size_t t = 0; t < h->mesh->triangle_count; ++t) {
-            keep[t] = h->component[t] == h->parts[i].component;
+        if ((h->stays >> i & 1) == 0 || h->bvh[i] != NULL) {
+            continue;
         }
-        status = pci_mesh_compact(h->scratch, h->mesh, keep, &h->large[i], NULL)
+        pci_scratch scratch = pci_scratch_begin(context);
+        uint8_t *keep = PCI_SCRATCH(&scratch, uint8_t, h->mesh->triangle_count);
+        for (size_t k = h->offsets[i]; k < h->offsets[i + 1] && keep != NULL; ++k) {
+            keep[h->order[k]] = 1;
+        }
+        status = keep != NULL && pci_mesh_compact(&scratch, h->mesh, keep, &h->large[i], NULL)
                      ? pci_bvh_create(context, stage, &h->large[i], &h->bvh[i])
                      : pci_fail_memory(context, stage);
+        pci_scratch_end(&scratch);
     }
     return status;
 }
 
-static uint32_t find_near(const hiding *h, uint32_t component, const double point[3]) {
+// Which of the large components in `candidates` are within reach.
+static uint32_t find_near(const hiding *h, uint32_t candidates, const double point[3]) {
     uint32_t near = 0;
     for (size_t i = 0; i < h->large_count; ++i) {
-        if (h->parts[i].component == component) {
-            break; // the others are not larger
-        }
-        if (pci_bvh_within(h->bvh[i], point, h->reach)) {
+        if ((candidates >> i & 1) != 0 && pci_bvh_within(h->bvh[i], point, h->reach)) {
             near |= UINT32_C(1) << i;
         }
     }
@@ -100,7 +163,7 @@ static void look_around(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     hiding *h = user;
     for (size_t v = begin; v < end; ++v) {
-        h->near[v] = find_near(h, h->vertex_component[v], &h->mesh->positions[3 * v]);
+        h->near[v] = find_near(h, h->near[v], &h->mesh->positions[3 * v]);
     }
 }
 
@@ -119,43 +182,45 @@ static uint32_t triangle_near(const hiding *h, size_t t) {
     }
     double middle[3];
     pci_triangle_middle(h->mesh, t, middle);
-    return near & find_near(h, h->component[t], middle);
+    return find_near(h, near, middle);
 }
 
-// Marks the triangles that stay. Returns whether any goes; with `failed` in scratch, nothing
-// counts.
-static bool choose_parts(const hiding *h, uint8_t *keep) {
-    uint32_t *rank = PCI_SCRATCH(h->scratch, uint32_t, h->count);
-    uint8_t *seen = PCI_SCRATCH(h->scratch, uint8_t, h->count); // by rank
-    uint32_t *near = PCI_SCRATCH(h->scratch, uint32_t, h->mesh->triangle_count);
-    if (h->scratch->failed) {
-        return false;
+// Whether each of the components from `first` to `last` has a triangle that is near none of those
+// that stay.
+static pc_status look_closely(hiding *h, const char *stage, uint32_t first, uint32_t last,
+                              uint8_t *seen) {
+    pc_context *context = h->scratch->context;
+    const pc_status status = build_large(h, stage);
+    if (status != PC_OK) {
+        return status;
     }
-    for (uint32_t i = 0; i < h->count; ++i) {
-        rank[h->parts[i].component] = i;
+    memset(h->near, 0, h->mesh->vertex_count * sizeof(*h->near));
+    for (size_t k = 3 * h->offsets[first]; k < 3 * h->offsets[last + 1]; ++k) {
+        h->near[h->mesh->triangles[3 * (size_t)h->order[k / 3] + k % 3]] = h->stays;
     }
-    for (size_t t = 0; t < h->mesh->triangle_count; ++t) {
-        near[t] = triangle_near(h, t);
-        seen[rank[h->component[t]]] |= near[t] == 0;
+    if (!pci_parallel_while_wanted(context, h->mesh->vertex_count, grain, look_around, h)) {
+        return pci_fail_memory(context, stage);
     }
-    // The large ones in turn: what hides a part must stay itself. Then the small ones at once.
-    uint32_t stays = 0;
-    for (size_t i = 0; i < h->large_count; ++i) {
-        for (size_t t = 0; t < h->mesh->triangle_count && !seen[i]; ++t) {
-            seen[i] |= rank[h->component[t]] == i && (near[t] & stays) == 0;
-        }
-        stays |= seen[i] ? UINT32_C(1) << i : 0;
+    for (size_t k = h->offsets[first]; k < h->offsets[last + 1]; ++k) {
+        const uint32_t t = h->order[k];
+        seen[h->ranks[t]] |= triangle_near(h, t) == 0;
     }
-    for (size_t t = 0; t < h->mesh->triangle_count; ++t) {
-        const uint32_t r = rank[h->component[t]];
-        seen[r] |= r >= h->large_count && (near[t] & stays) == 0;
+    return PC_OK;
+}
+
+// Marks the components that stay, by rank: the large ones in turn, since what hides a part must
+// stay itself; then the small ones at once.
+static pc_status choose_parts(hiding *h, const char *stage, uint8_t *seen) {
+    pc_status status = PC_OK;
+    for (uint32_t i = 0; i < h->large_count && status == PC_OK; ++i) {
+        seen[i] = shows_at_once(h, i);
+        status = seen[i] ? PC_OK : look_closely(h, stage, i, i, seen);
+        h->stays |= seen[i] ? UINT32_C(1) << i : 0;
     }
-    bool some = false;
-    for (size_t t = 0; t < h->mesh->triangle_count; ++t) {
-        keep[t] = seen[rank[h->component[t]]];
-        some = some || !keep[t];
+    if (status == PC_OK && h->large_count < h->count) {
+        status = look_closely(h, stage, (uint32_t)h->large_count, (uint32_t)h->count - 1, seen);
     }
-    return some;
+    return status;
 }
 
 pc_status pci_drop_hidden(pci_scratch *scratch, const char *stage, double reach, pc_mesh *mesh) {
@@ -168,13 +233,15 @@ pc_status pci_drop_hidden(pci_scratch *scratch, const char *stage, double reach,
     if (h.count < 2 || h.large_count == 0) {
         return PC_OK;
     }
+    uint8_t *seen = PCI_SCRATCH(scratch, uint8_t, h.count);
     pc_mesh kept = {0};
-    pc_status status = build_large(&h, stage);
-    if (status == PC_OK) {
-        const bool some =
-            pci_parallel_while_wanted(context, mesh->vertex_count, grain, look_around, &h) &&
-            choose_parts(&h, keep);
-        if ((some && !pci_mesh_compact(scratch, mesh, keep, &kept, NULL)) || scratch->failed) {
+    pc_status status =
+        seen != NULL ? choose_parts(&h, stage, seen) : pci_fail_memory(context, stage);
+    if (status == PC_OK && memchr(seen, 0, h.count) != NULL) {
+        for (size_t t = 0; t < mesh->triangle_count; ++t) {
+            keep[t] = seen[h.ranks[t]];
+        }
+        if (!pci_mesh_compact(scratch, mesh, keep, &kept, NULL)) {
             status = pci_fail_memory(context, stage);
         }
     }

@@ -92,20 +92,43 @@ static double edge_straying(const pci_relaxation *r, uint32_t a, uint32_t b, boo
     return fmin(pci_relax_distance(r, a, middle, border), pci_relax_distance(r, b, middle, border));
 }
 
-// The largest of the edges around v, without those to `other` (may be invalid).
-static double straying(const pci_relaxation *r, uint32_t v, uint32_t other) {
+// The largest of the edges around v.
+static double straying(const pci_relaxation *r, uint32_t v) {
     const pci_halfedge *coarse = r->coarse;
     double most = 0.0;
     PCI_FOR_OUTGOING(coarse, v, h) {
         const uint32_t b = pci_target(coarse, h), c = coarse->corners[pci_previous(h)];
-        if (b != other) {
-            most = fmax(most, edge_straying(r, v, b, coarse->twins[h] == PC_INVALID_INDEX));
-        }
-        if (coarse->twins[pci_previous(h)] == PC_INVALID_INDEX && c != other) {
+        most = fmax(most, edge_straying(r, v, b, coarse->twins[h] == PC_INVALID_INDEX));
+        if (coarse->twins[pci_previous(h)] == PC_INVALID_INDEX) {
             most = fmax(most, edge_straying(r, v, c, true));
         }
     }
     return most;
+}
+
+// Whether the middle of an edge is farther than `limit`.
+static bool edge_strays(const pci_relaxation *r, uint32_t a, uint32_t b, bool border,
+                        double limit) {
+    double middle[3];
+    for (size_t k = 0; k < 3; ++k) {
+        middle[k] = 0.5 * (point_of(r, a)[k] + point_of(r, b)[k]);
+    }
+    return pci_relax_distance(r, a, middle, border) > limit &&
+           pci_relax_distance(r, b, middle, border) > limit;
+}
+
+// Whether straying() is more than `limit`.
+static bool strays(const pci_relaxation *r, uint32_t v, uint32_t other, double limit) {
+    const pci_halfedge *coarse = r->coarse;
+    PCI_FOR_OUTGOING(coarse, v, h) {
+        const uint32_t b = pci_target(coarse, h), c = coarse->corners[pci_previous(h)];
+        if ((b != other && edge_strays(r, v, b, coarse->twins[h] == PC_INVALID_INDEX, limit)) ||
+            (coarse->twins[pci_previous(h)] == PC_INVALID_INDEX && c != other &&
+             edge_strays(r, v, c, true, limit))) {
+            return true;
+        }
+    }
+    return false;
 }
 
 static double mean_edge(const pci_relaxation *r, uint32_t v) {
@@ -115,6 +138,21 @@ static double mean_edge(const pci_relaxation *r, uint32_t v) {
         ++count;
     }
     return sum / count;
+}
+
+// Whether the least angle around v is larger, and no more triangles are turned over.
+static bool has_better_shape(const pci_relaxation *r, uint32_t v, pci_fan_shape *best) {
+    pci_fan_shape shape = {INFINITY, 0};
+    PCI_FOR_OUTGOING(r->coarse, v, h) {
+        const pci_fan_shape one = pci_shape_of_triangle(r, h / 3);
+        shape.angle = fmin(shape.angle, one.angle);
+        shape.turned += one.turned;
+        if (!(shape.angle > best->angle) || shape.turned > best->turned) {
+            return false;
+        }
+    }
+    *best = shape;
+    return true;
 }
 
 // Searches along the edges of the vertex, forth and back, for a place on the surface where its
@@ -127,7 +165,7 @@ static void reposition(const improvement *m, uint32_t v) {
     if (r->pinned[v] || best.angle >= bad_angle) {
         return;
     }
-    const double allowed = fmax(straying(r, v, PC_INVALID_INDEX), farthest * m->spacing);
+    const double allowed = fmax(straying(r, v), farthest * m->spacing);
     for (size_t level = 0; level < PCI_EFFORT(4, 1); ++level, step *= 0.5) {
         const place start = place_of(r, v);
         place better = start;
@@ -145,9 +183,8 @@ static void reposition(const improvement *m, uint32_t v) {
                 }
                 put(r, v, &start);
                 pci_relax_move(r, v, target);
-                const pci_fan_shape shape = pci_shape_of_fan(r, v);
-                if (shape.angle > best.angle && shape.turned <= best.turned &&
-                    straying(r, v, PC_INVALID_INDEX) <= allowed) {
+                pci_fan_shape shape = best;
+                if (has_better_shape(r, v, &shape) && !strays(r, v, PC_INVALID_INDEX, allowed)) {
                     best = shape;
                     better = place_of(r, v);
                 }
@@ -229,8 +266,8 @@ static double best_merge(improvement *m, uint32_t h, place *where) {
         put(r, ends[0], &tried);
         const double angle = fmin(open_angle(r, ends[0], ends[1], longest),
                                   open_angle(r, ends[1], ends[0], longest));
-        if (angle > best && fmax(straying(r, ends[0], ends[1]), straying(r, ends[1], ends[0])) <=
-                                farthest * m->spacing) {
+        if (angle > best && !strays(r, ends[0], ends[1], farthest * m->spacing) &&
+            !strays(r, ends[1], ends[0], farthest * m->spacing)) {
             best = angle;
             *where = tried;
         }
@@ -497,9 +534,7 @@ static bool widen(pci_relaxation *r, uint32_t v, const double origin[3], double 
                 at[k] = start[k] + step / length * way[k];
             }
             if (pci_squared_distance(at, origin) <= reach * reach) {
-                const pci_fan_shape shape = pci_shape_of_fan(r, v);
-                if (shape.angle > best.angle && shape.turned <= best.turned) {
-                    best = shape;
+                if (has_better_shape(r, v, &best)) {
                     memcpy(better, at, sizeof(better));
                 }
             }

@@ -141,6 +141,26 @@ void pci_relax_move(pci_relaxation *r, uint32_t v, const double target[3]) {
     memcpy(&r->coarse->positions[3 * (size_t)v], point, sizeof(point));
 }
 
+void pci_relax_nearest_of(const pci_relaxation *r, const uint32_t *vertices, size_t count,
+                          const double target[3], double point[3], double *squared) {
+    uint32_t asked = PC_INVALID_INDEX;
+    *squared = INFINITY;
+    for (size_t i = 0; i < count; ++i) {
+        const uint32_t foot = walk(r->fine, r->feet[vertices[i]], target, false);
+        if (foot == asked) {
+            continue; // most walks end where the one before did
+        }
+        double candidate[3] = {target[0], target[1], target[2]};
+        nearest_around(r->fine, foot, target, false, candidate);
+        const double distance = pci_squared_distance(candidate, target);
+        if (distance < *squared) {
+            *squared = distance;
+            memcpy(point, candidate, sizeof(candidate));
+        }
+        asked = foot;
+    }
+}
+
 void pci_relax_nearest(const pci_relaxation *r, uint32_t v, const double target[3], bool border,
                        double point[3]) {
     memcpy(point, target, 3 * sizeof(*point));

@@ -22,9 +22,14 @@ void pci_relax_place(pci_relaxation *relaxation);
 // Puts vertex v onto the fine surface next to the target, likewise.
 void pci_relax_move(pci_relaxation *relaxation, uint32_t v, const double target[3]);
 // The point of the fine surface or border nearest to one near vertex v, found by walking from the
-// vertex's foot; and its distance.
+// vertex's foot.
 void pci_relax_nearest(const pci_relaxation *relaxation, uint32_t v, const double target[3],
                        bool border, double point[3]);
+// The nearest of what the first one finds inside the surface from several vertices, and its squared
+// distance.
+void pci_relax_nearest_of(const pci_relaxation *relaxation, const uint32_t *vertices, size_t count,
+                          const double target[3], double point[3], double *squared);
+// The distance to what the first one finds.
 double pci_relax_distance(const pci_relaxation *relaxation, uint32_t v, const double point[3],
                           bool border);
 // One pass of sliding and flipping. Returns the number of changes.

@@ -3,6 +3,7 @@
 #include "core/rotation.h"
 #include "core/topology.h"
 #include "stages/skin_fit.h"
+#include "stages/skin_join.h"
 #include "stages/weight_rows.h"
 
 static const char stage[] = "skin";
@@ -42,6 +43,10 @@ static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_skin_options, least_motion, DOUBLE, 0.972, 0.0, 1.0, "",
                      "While the garment moves less than this share of the proxy's motion, "
                      "lambda_follow is raised; alternate only"),
+    PCI_FIELD_OPTION(pc_skin_options, most_strain, DOUBLE, 0.95, 0.0, 1000000.0, "",
+                     "While edges change their lengths by more than this share of what "
+                     "closest-triangle weights do to them, lambda_stretch is raised; alternate "
+                     "only"),
     PCI_FIELD_OPTION(pc_skin_options, motion_noise, DOUBLE, 0.003, 0.0, 1.0, "",
                      "Variance of a noise in the motion of the proxy's vertices, over that of the "
                      "motion itself, against weights that suit these frames only; alternate only"),
@@ -215,19 +220,21 @@ static pc_status prepare(pci_scratch *scratch, const pc_mesh *surface, const pc_
     return set_driver(scratch, &f->problem, proxy, motion, o->skinning);
 }
 
-static pc_status write_result(pci_scratch *scratch, const pci_skin_fit *f, pc_skin *skin,
-                              pc_skin_report *report) {
+// `rows`: of pci_skin_join.
+static pc_status write_result(pci_scratch *scratch, const pci_skin_fit *f, size_t vertex_count,
+                              const uint32_t *rows, pc_skin *skin, pc_skin_report *report) {
     const uint32_t kept = f->problem.slots, influences = f->options->influences;
     skin->skinning = f->options->skinning;
     uint8_t *used = PCI_SCRATCH(scratch, uint8_t, f->problem.proxy_count);
-    if (used == NULL || !pci_skin_allocate(f->context, f->problem.vertex_count, influences, skin)) {
+    if (used == NULL || !pci_skin_allocate(f->context, vertex_count, influences, skin)) {
         return pci_fail_memory(f->context, stage);
     }
     for (size_t v = 0; v < skin->vertex_count; ++v) {
         uint32_t *bones = &skin->bones[v * influences];
         double *weights = &skin->weights[v * influences];
-        memcpy(bones, &f->bones[v * kept], kept * sizeof(*bones));
-        pci_skin_normalize(&f->weights[v * kept], kept, weights);
+        const size_t row = rows != NULL ? rows[v] : v;
+        memcpy(bones, &f->bones[row * kept], kept * sizeof(*bones));
+        pci_skin_normalize(&f->weights[row * kept], kept, weights);
         pci_skin_sort_row(bones, weights, kept);
     }
     if (!pci_skin_scale_rows(skin)) {
@@ -259,15 +266,25 @@ pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface, const pc
     }
     pci_scratch scratch = pci_scratch_begin(context);
     pc_skin_report r = {0};
-    pci_skin_fit f = {
-        .context = context, .options = &chosen, .spatial_share = 1.0, .follow_share = 1.0};
-    status = prepare(&scratch, surface, proxy, motion, &f);
+    pci_skin_fit f = {.context = context,
+                      .options = &chosen,
+                      .spatial_share = 1.0,
+                      .follow_share = 1.0,
+                      .stretch_share = 1.0};
+    pc_mesh joined = *surface;
+    const uint32_t *rows = NULL;
+    if (chosen.solver == PC_SKIN_ALTERNATE && !pci_skin_join(&scratch, surface, &joined, &rows)) {
+        status = pci_fail_memory(context, stage);
+    }
+    if (status == PC_OK) {
+        status = prepare(&scratch, &joined, proxy, motion, &f);
+    }
     if (status == PC_OK) {
         status = chosen.solver == PC_SKIN_ADAMW ? pci_skin_fit_adamw(&scratch, &f, &r)
                                                 : pci_skin_fit_alternate(&scratch, &f, &r);
     }
     if (status == PC_OK) {
-        status = write_result(&scratch, &f, skin, &r);
+        status = write_result(&scratch, &f, surface->vertex_count, rows, skin, &r);
     }
     pc_skin_free(context, &f.followed);
     pci_scratch_end(&scratch);

@@ -4,6 +4,7 @@
 #include "core/topology.h"
 #include "proxycloth/baselines.h"
 #include "stages/skin_coarse.h"
+#include "stages/skin_compare.h"
 #include "stages/weight_rows.h"
 
 static const char stage[] = "skin";
@@ -13,10 +14,9 @@ enum { PHASES_MAX = 5, FOLLOWED_INFLUENCES = 8 };
 static const double first_end = 0.15, last_begin = 0.6;
 static const double rigid_share = 0.7; // more of its L_r left: L_c gets less weight
 
-static const double held_share = 1e-6;      // barycentric coordinates below count as 0
-static const double following_factor = 2.0; // of lambda_follow, where the garment moves too little
-enum { LEAST_VERTICES = 500 };              // problems of fewer have no smaller one
-enum { MOTION_STRIDE = 8 }; // frames from one in which motion is measured to the next
+static const double held_share = 1e-6; // barycentric coordinates below count as 0
+static const double growth = 2.0;      // of lambda_follow and lambda_stretch, where they adapt
+enum { LEAST_VERTICES = 500 };         // problems of fewer have no smaller one
 
 // What a row keeps in each phase, from all candidates to K.
 typedef struct course {
@@ -223,13 +223,52 @@ static void hold_pinned(const pci_skin_fit *f, uint32_t *allowed) {
     }
 }
 
+// The heaviest of both rows together, in the place of the first.
+static void merge_rows(pc_skin *skin, size_t v, const pc_skin *closest) {
+    const size_t slots = skin->influences;
+    uint32_t bones[FOLLOWED_INFLUENCES + 3];
+    double weights[FOLLOWED_INFLUENCES + 3];
+    uint32_t count = 0;
+    for (size_t k = 0; k < slots; ++k) {
+        bones[count] = skin->bones[v * slots + k];
+        weights[count++] = skin->weights[v * slots + k];
+    }
+    for (size_t c = 3 * v; c < 3 * v + 3; ++c) {
+        uint32_t at = 0;
+        while (at < count && bones[at] != closest->bones[c]) {
+            ++at;
+        }
+        if (at == count) {
+            bones[count] = closest->bones[c];
+            weights[count++] = 0.0;
+        }
+        weights[at] += closest->weights[c];
+    }
+    pci_skin_sort_row(bones, weights, count);
+    memcpy(&skin->bones[v * slots], bones, slots * sizeof(*bones));
+    memcpy(&skin->weights[v * slots], weights, slots * sizeof(*weights));
+}
+
 pc_status pci_skin_follow_proxy(pc_context *context, const pc_mesh *surface, const pc_mesh *proxy,
                                 pc_skin *followed) {
-    const pc_status status =
+    pc_status status =
         pc_skin_heat_smoothed(context, surface, proxy, FOLLOWED_INFLUENCES, followed);
-    return status == PC_ERROR_NUMERICAL // hardly any area conducts heat
-               ? pc_skin_closest_triangle(context, surface, proxy, followed)
-               : status;
+    if (status == PC_ERROR_NUMERICAL) { // hardly any area conducts heat
+        return pc_skin_closest_triangle(context, surface, proxy, followed);
+    }
+    pc_skin closest = {0};
+    if (status == PC_OK) {
+        status = pc_skin_closest_triangle(context, surface, proxy, &closest);
+    }
+    for (size_t v = 0; v < surface->vertex_count && status == PC_OK; ++v) {
+        merge_rows(followed, v, &closest);
+    }
+    pc_skin_free(context, &closest);
+    if (status == PC_OK && !pci_skin_scale_rows(followed)) {
+        status = pci_fail(context, PC_ERROR_NUMERICAL, stage,
+                          "skin: the closest points left the finite numbers");
+    }
+    return status;
 }
 
 // Starts from what L_f follows: small parts move as one then, which sweeps from vertex to vertex
@@ -248,63 +287,19 @@ static void start_from_followed(pci_skin_fit *f) {
     }
 }
 
-// Length of a vertex's way from rest in one frame, from the maps of the bones.
-static double way(const double *maps, size_t columns, const double *point, size_t count,
-                  const uint32_t *bones, const double *weights) {
-    double u[3] = {0};
-    for (size_t k = 0; k < count; ++k) {
-        const double *map = &maps[3 * PCI_SKIN_COLUMNS_MAX * (size_t)bones[k]];
-        for (size_t i = 0; i < 3 * columns; ++i) {
-            u[i % 3] += weights[k] * (point[i / 3] * map[i]);
-        }
-    }
-    return pci_norm(u);
-}
-
-// Motion of the garment over that of its closest points on the proxy, from some of the frames.
-// False: out of memory.
-static bool find_motion_ratio(const pci_skin_fit *f, double *ratio) {
-    const pci_skin_problem *p = &f->problem;
-    const size_t columns = pci_skin_columns(p);
-    pci_skin_problem still = *p; // closest points are moved
-    still.rotations = NULL;
-    pci_scratch scratch = pci_scratch_begin(f->context);
-    const size_t size = 3 * PCI_SKIN_COLUMNS_MAX;
-    double *maps = PCI_SCRATCH(&scratch, double, size * p->proxy_count);
-    double *moves = PCI_SCRATCH(&scratch, double, size * p->proxy_count);
-    double origin[3], moved = 0.0, moved_closest = 0.0;
-    (void)pci_skin_extent(p, origin);
-    for (size_t t = 0; t < p->frame_count && !scratch.failed; t += MOTION_STRIDE) {
-        for (size_t b = 0; b < p->proxy_count; ++b) {
-            pci_skin_bone_map(p, origin, t, b, &maps[size * b]);
-            pci_skin_bone_map(&still, origin, t, b, &moves[size * b]);
-        }
-        for (size_t v = 0; v < p->vertex_count; ++v) {
-            const pci_closest *closest = &f->closest[v];
-            double point[PCI_SKIN_COLUMNS_MAX];
-            pci_skin_point(p, origin, 1.0, v, point);
-            moved += way(maps, columns, point, p->slots, &f->bones[v * p->slots],
-                         &f->weights[v * p->slots]);
-            moved_closest +=
-                way(moves, 1, point, 3, &f->proxy->triangles[3 * (size_t)closest->triangle],
-                    closest->barycentric);
-        }
-    }
-    *ratio = moved_closest > 0.0 ? moved / moved_closest : 1.0;
-    const bool good = !scratch.failed;
-    pci_scratch_end(&scratch);
-    return good;
-}
-
 // The losses are least where nothing moves: L_f counts more while the garment moves too little.
-// `changed` becomes true when that did.
-static pc_status keep_moving(pci_skin_fit *f, bool *changed) {
-    double ratio;
-    if (!find_motion_ratio(f, &ratio)) {
+// Flat cloth hardly stretches where it follows the closest triangle: L_s counts more while the
+// garment stretches nearly as much. `changed` becomes true when either did.
+static pc_status adapt(pci_skin_fit *f, bool *changed) {
+    pci_skin_ratios ratios;
+    if (!pci_skin_compare(f, &ratios)) {
         return pci_fail_memory(f->context, stage);
     }
-    *changed = ratio < f->options->least_motion;
-    f->follow_share *= *changed ? following_factor : 1.0;
+    const bool still = ratios.motion < f->options->least_motion;
+    const bool stretched = ratios.strain > f->options->most_strain;
+    f->follow_share *= still ? growth : 1.0;
+    f->stretch_share *= stretched ? growth : 1.0;
+    *changed = still || stretched;
     return PC_OK;
 }
 
@@ -330,7 +325,8 @@ static pc_status measure(const pci_skin_fit *f, pci_skin_alternation *a, size_t 
 static pc_status weigh(pci_scratch *scratch, const pci_skin_fit *f, pci_skin_alternation *a) {
     const pc_skin_options *o = f->options;
     const double lambda[4] = {o->lambda_rigid, f->spatial_share * o->lambda_collision,
-                              f->spatial_share * o->lambda_attachment, o->lambda_stretch};
+                              f->spatial_share * o->lambda_attachment,
+                              f->stretch_share * o->lambda_stretch};
     return pci_skin_alternation_weigh(scratch, a, lambda, f->follow_share * o->lambda_follow)
                ? PC_OK
                : pci_fail_memory(f->context, stage);
@@ -418,14 +414,15 @@ static pc_status solve_coarse(pci_scratch *scratch, pci_skin_fit *c, const pci_s
                : status;
 }
 
-// What is decided whenever slots are taken away: whether the garment moves enough; and the first
-// and the last time, whether its layers can be held together. `measures`: of these weights.
+// What is decided whenever slots are taken away: whether the garment moves enough and stretches
+// little enough; and the first and the last time, whether its layers can be held together.
+// `measures`: of these weights.
 static pc_status decide(pci_scratch *scratch, pci_skin_fit *f, pci_skin_alternation *a,
                         bool balancing, const pci_skin_measures *measures) {
-    bool still = false;
-    const pc_status status = keep_moving(f, &still);
+    bool adapted = false;
+    const pc_status status = adapt(f, &adapted);
     const bool balanced = status == PC_OK && balancing && rebalance(f, measures);
-    return status == PC_OK && (balanced || still) ? weigh(scratch, f, a) : status;
+    return status == PC_OK && (balanced || adapted) ? weigh(scratch, f, a) : status;
 }
 
 // Takes slots away so that `kept` are left.

@@ -22,10 +22,12 @@ typedef struct pci_skin_fit {
     double rigid_before;   // L_r of the first guess, or 0 if it does not count
     double spatial_share;  // of lambda_c and lambda_a that is used
     double follow_share;   // of lambda_f that is used, 1 or more
+    double stretch_share;  // of lambda_s that is used, 1 or more
 } pci_skin_fit;
 
-// What L_f follows: closest points make the garment move as much as its proxy; smoothed, they have
-// no kinks at the proxy's edges that L_r would have to fight.
+// What L_f follows, the mean of two: closest points make the garment move as much as its proxy and
+// keep lengths as it does; smoothed, they have no kinks at the proxy's edges or jumps from layer to
+// layer that L_r would have to fight.
 PC_NODISCARD pc_status pci_skin_follow_proxy(pc_context *context, const pc_mesh *surface,
                                              const pc_mesh *proxy, pc_skin *followed);
 

@@ -3,15 +3,26 @@
 // Assets must be built up to simulate at least. Where the proxy follows a clip of a character, the
 // motion is the file's next clip; everywhere another seed of the winds.
 // A measure is won when it is smaller than in all three other rows, or 0 where the smallest is.
-// Usage: proxycloth_weights [--set OPTION=VALUE]... FILE.h5...
+// The two smooth baselines have as many influences as ours, hence the same cost at run time, or N.
+// Usage: proxycloth_weights [--set OPTION=VALUE | --baseline-influences N | --wind SEED]...
+//        FILE.h5...
+#include <stdlib.h>
+
 #include "support/garment.h"
 
-enum { WIND_SEED = 1001, BASELINE_INFLUENCES = 8, ROWS = 4, MEASURES = 6 };
+enum { ROWS = 4, MEASURES = 6 };
 
 static const char *const row_names[ROWS] = {"ours", "inverse distance", "closest triangle",
                                             "heat-smoothed"};
 static const char *const measure_names[MEASURES] = {"L_r", "L_c",    "strain",
                                                     "p95", "folded", "crossings"};
+
+typedef struct arguments {
+    pc_options options;
+    uint32_t baseline_influences; // 0: those of the options
+    uint32_t wind;                // seed
+    int first;                    // file
+} arguments;
 
 typedef struct tally {
     size_t garments, won[MEASURES], beats_smoothed[MEASURES], all, moving, held;
@@ -23,7 +34,7 @@ static void list_measures(const pc_motion_measures *m, double values[MEASURES]) 
     memcpy(values, list, sizeof(list));
 }
 
-static bool unseen_motion(pc_context *context, pc_asset *asset, pc_motion *motion) {
+static bool unseen_motion(pc_context *context, pc_asset *asset, uint32_t wind, pc_motion *motion) {
     pc_attachment *attachment = &asset->scenario.attachment;
     const pc_character *character = &asset->character;
     for (size_t i = 0; attachment->kind == PC_ATTACHMENT_CLIP && i < character->clip_count; ++i) {
@@ -35,29 +46,29 @@ static bool unseen_motion(pc_context *context, pc_asset *asset, pc_motion *motio
         }
     }
     pc_simulate_options options = asset->options.simulate;
-    options.seed = WIND_SEED;
+    options.seed = wind;
     const pc_simulate_inputs inputs = {&asset->proxy, &asset->scenario, &asset->visual,
                                        &asset->character};
     return pc_simulate_scenario(context, &inputs, &options, motion, NULL) == PC_OK;
 }
 
-static bool make_weights(pc_context *context, const pc_asset *asset, const pc_options *options,
-                         size_t row, pc_skin *skin) {
+static bool make_weights(pc_context *context, const pc_asset *asset, const arguments *a, size_t row,
+                         pc_skin *skin) {
     const pc_mesh *surface = &asset->visual.surface, *proxy = &asset->proxy;
     pc_status status = PC_ERROR_INTERNAL;
     switch (row) {
     case 0:
         status =
-            pc_skin_optimize(context, surface, proxy, &asset->motion, &options->skin, skin, NULL);
+            pc_skin_optimize(context, surface, proxy, &asset->motion, &a->options.skin, skin, NULL);
         break;
     case 1:
-        status = pc_skin_inverse_distance(context, surface, proxy, BASELINE_INFLUENCES, skin);
+        status = pc_skin_inverse_distance(context, surface, proxy, a->baseline_influences, skin);
         break;
     case 2:
         status = pc_skin_closest_triangle(context, surface, proxy, skin);
         break;
     default:
-        status = pc_skin_heat_smoothed(context, surface, proxy, BASELINE_INFLUENCES, skin);
+        status = pc_skin_heat_smoothed(context, surface, proxy, a->baseline_influences, skin);
         break;
     }
     return status == PC_OK;
@@ -78,17 +89,17 @@ static void count_wins(double values[ROWS][MEASURES], const pc_motion_measures *
     t->held += ours->pinned_drift <= 0.001;
 }
 
-static bool measure(pc_context *context, const char *path, const pc_options *options, tally *t) {
+static bool measure(pc_context *context, const char *path, const arguments *a, tally *t) {
     pc_asset asset = {0};
     pc_motion motion = {0};
     pc_motion_measures ours = {0};
     double values[ROWS][MEASURES];
-    bool good =
-        pc_asset_load(context, path, &asset) == PC_OK && unseen_motion(context, &asset, &motion);
+    bool good = pc_asset_load(context, path, &asset) == PC_OK &&
+                unseen_motion(context, &asset, a->wind, &motion);
     for (size_t row = 0; row < ROWS && good; ++row) {
         pc_skin skin = {0};
         pc_motion_measures m;
-        good = make_weights(context, &asset, options, row, &skin) &&
+        good = make_weights(context, &asset, a, row, &skin) &&
                pc_evaluate_motion(context, &asset.visual.surface, &asset.proxy, &motion, &skin,
                                   NULL, &m) == PC_OK;
         if (good) {
@@ -112,30 +123,57 @@ static bool measure(pc_context *context, const char *path, const pc_options *opt
     return good;
 }
 
-int main(int argc, char **argv) {
-    int first = 1;
+static bool read_arguments(pc_context *context, int argc, char **argv, arguments *a) {
+    int i = 1;
     bool good = true;
-    pc_options options = pc_default_options();
+    a->options = pc_default_options();
+    a->baseline_influences = 0;
+    a->wind = 1001;
+    for (; i + 1 < argc && strncmp(argv[i], "--", 2) == 0 && good; i += 2) {
+        const unsigned long number = strtoul(argv[i + 1], NULL, 10);
+        if (strcmp(argv[i], "--set") == 0) {
+            good = set_option(context, &a->options, argv[i + 1]);
+        } else if (strcmp(argv[i], "--baseline-influences") == 0) {
+            a->baseline_influences = (uint32_t)number;
+            good = number > 0 && number <= 32;
+        } else if (strcmp(argv[i], "--wind") == 0) {
+            a->wind = (uint32_t)number;
+        } else {
+            good = false;
+        }
+    }
+    if (a->baseline_influences == 0) {
+        a->baseline_influences = a->options.skin.influences;
+    }
+    a->first = i;
+    return good && i < argc && strncmp(argv[i], "--", 2) != 0;
+}
+
+int main(int argc, char **argv) {
+    bool good = true;
     pc_context *context = NULL;
+    arguments a;
     tally t = {0};
     if (pc_context_create(NULL, &context) != PC_OK) {
         return 1;
     }
-    while (first + 1 < argc && strcmp(argv[first], "--set") == 0 &&
-           set_option(context, &options, argv[first + 1])) {
-        first += 2;
-    }
-    if (first >= argc || strncmp(argv[first], "--", 2) == 0) {
-        fprintf(stderr, "usage: %s [--set OPTION=VALUE]... FILE.h5...\n", argv[0]);
+    if (!read_arguments(context, argc, argv, &a)) {
+        fprintf(stderr,
+                "usage: %s [--set OPTION=VALUE | --baseline-influences N | --wind SEED]... "
+                "FILE.h5...\n",
+                argv[0]);
         pc_context_destroy(context);
         return 2;
     }
     printf("%-32s %-16s %3s %9s %9s %8s %8s %8s %9s %8s %7s\n", "garment", "weights", "K", "L_r",
            "L_c", "strain", "p95", "fold %", "crossings", "drift %", "motion");
-    for (int i = first; i < argc; ++i) {
-        good = measure(context, argv[i], &options, &t) && good;
+    for (int i = a.first; i < argc; ++i) {
+        good = measure(context, argv[i], &a, &t) && good;
     }
-    printf("\n%zu garments; better than all others (than heat-smoothed):", t.garments);
+    printf("\n%zu garments, wind %u, K = %u against %u; better than all others (than "
+           "heat-smoothed):",
+           t.garments, (unsigned)a.wind, (unsigned)a.options.skin.influences,
+           (unsigned)a.baseline_influences);
     for (size_t x = 0; x < MEASURES; ++x) {
         printf(" %s %zu (%zu)", measure_names[x], t.won[x], t.beats_smoothed[x]);
     }

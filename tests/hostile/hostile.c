@@ -71,7 +71,8 @@ static void run_program(const campaign *c) {
     dup2(null, STDIN_FILENO);
     dup2(messages, STDOUT_FILENO);
     dup2(messages, STDERR_FILENO);
-    const struct rlimit no_core = {0, 0}, cpu = {LIMIT_SECONDS, LIMIT_SECONDS};
+    // At the first limit comes SIGXCPU, which tells a hang from a crash; at the second SIGKILL.
+    const struct rlimit no_core = {0, 0}, cpu = {LIMIT_SECONDS, LIMIT_SECONDS + 5};
     setrlimit(RLIMIT_CORE, &no_core);
     setrlimit(RLIMIT_CPU, &cpu); // the load of the machine does not count
     execl(c->program, c->program, "build", c->input, "-o", c->output, "--quiet", "--import-seconds",
@@ -128,8 +129,11 @@ static const char *judge(const campaign *c, const outcome *o) {
                             strncmp(said.bytes, "proxycloth build: error: ", 25) == 0;
     const bool silent = said.size == 0;
     free(said.bytes);
-    if (WIFSIGNALED(o->status) && o->seconds > LIMIT_SECONDS - 2) {
+    if (WIFSIGNALED(o->status) && WTERMSIG(o->status) == SIGXCPU) {
         return "it hangs";
+    }
+    if (WIFSIGNALED(o->status) && WTERMSIG(o->status) == SIGKILL) {
+        return "it was killed, by the limit of processor time or for lack of memory";
     }
     if (o->mebibytes > LIMIT_MEBIBYTES) {
         return "it needs too much memory";

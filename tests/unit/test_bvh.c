@@ -4,6 +4,7 @@
 
 #include "core/clock.h"
 #include "core/topology.h"
+#include "support/surfaces.h"
 #include "support/test.h"
 
 // A soup of random triangles in a cube of side `size` around `offset`: large and small ones,
@@ -201,6 +202,41 @@ static void moving_points_find_the_same(void **state) {
             bound = sqrt(pci_squared_distance(point, closest.point)) * (1.0 + 1e-6);
         }
     }
+    pci_bvh_destroy(context, bvh);
+    pc_mesh_free(context, &soup);
+    pc_context_destroy(context);
+}
+
+// The same answers with any hint, which stays or becomes a triangle within the radius.
+static void hints_change_no_answer(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh soup = random_soup(context, 300, 31, 1.0, 0.0);
+    pci_bvh *bvh = NULL;
+    assert_ok(context, pci_bvh_create(context, "test", &soup, &bvh));
+    uint32_t hint = PC_INVALID_INDEX;
+    size_t kept = 0, found = 0;
+    for (size_t i = 0; i < 2000; ++i) {
+        const double radius = 0.2 * pci_random(32, i, 3);
+        double point[3], w[3];
+        for (size_t k = 0; k < 3; ++k) {
+            point[k] = 1.4 * pci_random(32, i / 4, k) - 0.2; // four radii each
+        }
+        const uint32_t before = hint;
+        const bool within = pci_bvh_within_near(bvh, point, radius, &hint);
+        assert_true(within ==
+                    (brute_force_closest(&soup, point, radius).triangle != PC_INVALID_INDEX));
+        assert_true(within == pci_bvh_within(bvh, point, radius));
+        assert_true(within || hint == before);
+        if (within) {
+            const double d2 = pci_triangle_squared_distance(
+                point, corner(&soup, hint, 0), corner(&soup, hint, 1), corner(&soup, hint, 2), w);
+            assert_true(sqrt(d2) <= radius);
+        }
+        found += within;
+        kept += within && hint == before;
+    }
+    assert_true(kept > 100 && found > kept + 100 && found < 1900);
     pci_bvh_destroy(context, bvh);
     pc_mesh_free(context, &soup);
     pc_context_destroy(context);
@@ -504,6 +540,44 @@ static void degenerate_meshes_work(void **state) {
     pc_context_destroy(context);
 }
 
+// Triangles around one edge, whose boxes all hold it: no tree tells them apart.
+static void crowded_meshes_are_refused(void **state) {
+    (void)state;
+    enum { most = 4000 };
+    pc_context *context = test_context(1);
+    double *positions = PCI_ALLOCATE(context, double, 3 * (most + 2));
+    uint32_t *triangles = PCI_ALLOCATE(context, uint32_t, 3 * most);
+    assert_true(positions != NULL && triangles != NULL);
+    positions[4] = 1.0;
+    for (uint32_t t = 0; t < most; ++t) {
+        const double angle = 1.5 * pci_random(41, t, 0);
+        const double apex[3] = {cos(angle), 0.5, sin(angle)};
+        memcpy(&positions[3 * (t + 2)], apex, sizeof(apex));
+        const uint32_t corners[3] = {0, 1, t + 2};
+        memcpy(&triangles[3 * t], corners, sizeof(corners));
+    }
+    pci_bvh *bvh = NULL;
+    const pc_mesh few = {most + 2, positions, most / 4, triangles};
+    assert_ok(context, pci_bvh_create(context, "test", &few, &bvh));
+    pci_bvh_destroy(context, bvh);
+    const pc_mesh crowd = {most + 2, positions, most, triangles};
+    assert_int_equal(pci_bvh_create(context, "test", &crowd, &bvh), PC_ERROR_TOO_LARGE);
+    assert_null(bvh);
+    // The same one triangle instead is no crowd, nor are small ones.
+    for (uint32_t t = 0; t < most; ++t) {
+        triangles[3 * t + 2] = 2;
+    }
+    assert_ok(context, pci_bvh_create(context, "test", &crowd, &bvh));
+    pci_bvh_destroy(context, bvh);
+    pc_mesh soup = random_soup(context, most, 42, 1.0, 0.0);
+    assert_ok(context, pci_bvh_create(context, "test", &soup, &bvh));
+    pci_bvh_destroy(context, bvh);
+    pc_mesh_free(context, &soup);
+    pc_release(context, positions);
+    pc_release(context, triangles);
+    pc_context_destroy(context);
+}
+
 // A shared mesh has one tree, whoever asks and releases; other meshes have their own.
 static void shared_trees_are_built_once(void **state) {
     (void)state;
@@ -529,6 +603,49 @@ static void shared_trees_are_built_once(void **state) {
     assert_close(pci_bvh_closest(second, point, INFINITY).distance, 1.0, 0.0);
     pci_bvh_destroy(context, second);
     pci_bvh_destroy(context, apart);
+    pc_context_destroy(context);
+}
+
+// Other indices and the other side of the same triangles: answers are those of a tree of their own,
+// also after the sharing has ended.
+static void same_triangles_borrow_the_shared_tree(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh sphere = test_sphere(context, 3), turned = test_sphere(context, 3);
+    for (size_t t = 0; t < turned.triangle_count; ++t) {
+        uint32_t *corner = &turned.triangles[3 * t], second = corner[1];
+        corner[1] = corner[2];
+        corner[2] = second;
+    }
+    for (size_t moved = 0; moved < 2; ++moved) {
+        pci_bvh *borrowed, *own;
+        turned.positions[0] += 0.25 * (double)moved;
+        pci_bvh_share(context, &sphere);
+        assert_true(pci_bvh_shares(context));
+        assert_ok(context, pci_bvh_create(context, "test", &turned, &borrowed));
+        pci_bvh_share(context, NULL);
+        assert_false(pci_bvh_shares(context));
+        assert_ok(context, pci_bvh_create(context, "test", &turned, &own));
+        for (uint64_t i = 0; i < 200; ++i) {
+            double point[3];
+            for (uint64_t k = 0; k < 3; ++k) {
+                point[k] = 3.0 * pci_random(7, i, k) - 1.5;
+            }
+            const pci_closest a = pci_bvh_closest(borrowed, point, INFINITY);
+            const pci_closest b = pci_bvh_closest(own, point, INFINITY);
+            assert_memory_equal(&a, &b, sizeof(a));
+            const pci_hit hit =
+                pci_bvh_cast(borrowed, point, (double[3]){0, 0, 1}, 0.0, 9.0, NULL, NULL);
+            const pci_hit other =
+                pci_bvh_cast(own, point, (double[3]){0, 0, 1}, 0.0, 9.0, NULL, NULL);
+            assert_int_equal(hit.triangle, other.triangle);
+            assert_int_equal(hit.back_face, other.back_face);
+        }
+        pci_bvh_destroy(context, borrowed);
+        pci_bvh_destroy(context, own);
+    }
+    pc_mesh_free(context, &sphere);
+    pc_mesh_free(context, &turned);
     pc_context_destroy(context);
 }
 
@@ -619,13 +736,16 @@ int main(void) {
         cmocka_unit_test(triangle_distance_is_the_minimum),
         cmocka_unit_test(closest_equals_brute_force),
         cmocka_unit_test(moving_points_find_the_same),
+        cmocka_unit_test(hints_change_no_answer),
         cmocka_unit_test(closest_survives_strange_points),
         cmocka_unit_test(cast_equals_reference),
         cmocka_unit_test(no_ray_slips_out_of_a_closed_mesh),
         cmocka_unit_test(cast_survives_strange_rays),
         cmocka_unit_test(queries_do_not_depend_on_threads),
         cmocka_unit_test(degenerate_meshes_work),
+        cmocka_unit_test(crowded_meshes_are_refused),
         cmocka_unit_test(shared_trees_are_built_once),
+        cmocka_unit_test(same_triangles_borrow_the_shared_tree),
         cmocka_unit_test(lack_of_memory_is_reported),
         cmocka_unit_test(building_can_be_cancelled),
         cmocka_unit_test(watched_topology_can_be_cancelled),

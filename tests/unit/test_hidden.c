@@ -65,22 +65,17 @@ static void survives_a_lack_of_memory(void **state) {
     counting_allocator counter = {0};
     pc_context *context = counting_context(&counter);
     pc_mesh mesh = outfit(context);
-    const size_t live = counter.live;
-    pc_status status = PC_ERROR_OUT_OF_MEMORY;
-    size_t failures = 0;
-    for (; status != PC_OK; ++failures) {
+    starvation s = {.counter = &counter};
+    while (starves(&s)) {
         counter.fail_at = 0;
         pc_mesh copy = sew_offset(context, &mesh, 0.0, false);
         pci_scratch scratch = pci_scratch_begin(context);
-        counter.calls = 0;
-        counter.fail_at = failures + 1;
-        status = pci_drop_hidden(&scratch, "test", 0.05, &copy);
-        assert_true(status == PC_OK || status == PC_ERROR_OUT_OF_MEMORY);
+        fail_allocation(&counter, s.number);
+        s.status = pci_drop_hidden(&scratch, "test", 0.05, &copy);
         pci_scratch_end(&scratch);
         pc_mesh_free(context, &copy);
-        assert_int_equal(counter.live, live);
     }
-    assert_true(failures > 15);
+    assert_true(s.failures > 15);
     pc_mesh_free(context, &mesh);
     pc_context_destroy(context);
     assert_int_equal(counter.live, 0);

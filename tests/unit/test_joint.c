@@ -97,22 +97,27 @@ static void keeps_the_contract(void **state) {
     pc_context_destroy(context);
 }
 
-// A roof: collapses across the ridge cost, those along it do not, so the ridge and the eaves stay.
+// Roofs: collapses across the ridge cost, those along it do not, so the ridge and the eaves stay.
+// What is left of one roof hangs on little things, the mean over several does not.
 static void keeps_creases_and_hems(void **state) {
     (void)state;
     pc_context *context = test_context(1);
-    pc_mesh roof = test_sheet(context, 16, 16, 2.0, 1.0);
-    for (size_t v = 0; v < roof.vertex_count; ++v) {
-        double *p = &roof.positions[3 * v];
-        p[2] = -fabs(p[0] - 1.0);
+    double mean = 0.0;
+    for (uint32_t cells = 12; cells <= 20; cells += 2) {
+        pc_mesh roof = test_sheet(context, cells, cells, 2.0, 1.0);
+        for (size_t v = 0; v < roof.vertex_count; ++v) {
+            double *p = &roof.positions[3 * v];
+            p[2] = -fabs(p[0] - 1.0);
+        }
+        pc_mesh proxy = decimated(context, &roof, 40);
+        pc_measures measures;
+        assert_ok(context, pc_evaluate(context, &roof, &proxy, &measures));
+        mean += 0.2 * measures.hausdorff * sqrt(4.0 + 1.0 + 1.0);
+        pc_mesh_free(context, &proxy);
+        pc_mesh_free(context, &roof);
     }
-    pc_mesh proxy = decimated(context, &roof, 40);
-    pc_measures measures;
-    assert_ok(context, pc_evaluate(context, &roof, &proxy, &measures));
     // Even edges would be 0.28 long, and a chord across the ridge would cut off half of that.
-    assert_true(measures.hausdorff * sqrt(4.0 + 1.0 + 1.0) < 0.14);
-    pc_mesh_free(context, &proxy);
-    pc_mesh_free(context, &roof);
+    assert_true(mean < 0.11);
     pc_context_destroy(context);
 }
 

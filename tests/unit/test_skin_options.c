@@ -192,18 +192,23 @@ static void pins_hold_exactly(void **state) {
 
 // ---- least_motion -------------------------------------------------------------------------------
 
+static pc_motion_measures measures_with(const fixture *f, const pc_motion *motion,
+                                        const pc_skin_options *options) {
+    pc_skin skin = {0};
+    pc_motion_measures measures;
+    optimize(f->context, &f->visual, &f->proxy, motion, options, &skin);
+    assert_ok(f->context, pc_evaluate_motion(f->context, &f->visual, &f->proxy, motion, &skin, NULL,
+                                             &measures));
+    pc_skin_free(f->context, &skin);
+    return measures;
+}
+
 static double motion_with(const fixture *f, const pc_motion *motion, double least_motion,
                           double lambda_follow) {
     pc_skin_options options = defaults();
     options.least_motion = least_motion;
     options.lambda_follow = lambda_follow;
-    pc_skin skin = {0};
-    pc_motion_measures measures;
-    optimize(f->context, &f->visual, &f->proxy, motion, &options, &skin);
-    assert_ok(f->context, pc_evaluate_motion(f->context, &f->visual, &f->proxy, motion, &skin, NULL,
-                                             &measures));
-    pc_skin_free(f->context, &skin);
-    return measures.motion_ratio;
+    return measures_with(f, motion, &options).motion_ratio;
 }
 
 // Asked for more motion than there is, lambda_follow doubles each of the four times that slots are
@@ -228,6 +233,43 @@ static void least_motion_raises_lambda_follow(void **state) {
     free_fixture(&f);
 }
 
+// ---- most_strain --------------------------------------------------------------------------------
+
+static double strain_with(const fixture *f, const pc_motion *motion, double most_strain,
+                          double lambda_stretch) {
+    pc_skin_options options = defaults();
+    options.most_strain = most_strain;
+    options.lambda_stretch = lambda_stretch;
+    return measures_with(f, motion, &options).strain_mean;
+}
+
+// As with least_motion: asked for no strain, lambda_stretch doubles each of the four times.
+static void most_strain_raises_lambda_stretch(void **state) {
+    (void)state;
+    fixture f;
+    load_fixture("dress796", 1, &f);
+    pc_motion motion = {0};
+    pc_skin closest = {0};
+    pc_motion_measures measures;
+    make_motion(f.context, &f.proxy, 40, 1, &motion);
+    const double little = 0.5, never = 1e6;
+    const double without = strain_with(&f, &motion, never, little);
+    const double with = strain_with(&f, &motion, 0.0, little);
+    const double least = strain_with(&f, &motion, never, 16.0 * little);
+    assert_true(with < without - 0.3 * (without - least));
+    assert_true(with > least - 0.3 * (without - least));
+    // What stretches less than asked of closest-triangle weights stays as it is.
+    assert_ok(f.context, pc_skin_closest_triangle(f.context, &f.visual, &f.proxy, &closest));
+    assert_ok(f.context, pc_evaluate_motion(f.context, &f.visual, &f.proxy, &motion, &closest, NULL,
+                                            &measures));
+    const double share = without / measures.strain_mean;
+    assert_true(strain_with(&f, &motion, 1.5 * share, little) == without);
+    assert_true(strain_with(&f, &motion, 0.5 * share, little) < without);
+    pc_skin_free(f.context, &closest);
+    pc_motion_free(f.context, &motion);
+    free_fixture(&f);
+}
+
 // ---- motion_noise -------------------------------------------------------------------------------
 
 // Few frames show little of how the proxy moves; weights that stand noise keep their shape better
@@ -237,7 +279,7 @@ static void noise_helps_on_other_motions(void **state) {
     fixture f;
     load_fixture("dress796", 1, &f);
     pc_motion seen = {0}, unseen = {0};
-    make_motion(f.context, &f.proxy, 16, 1, &seen);
+    make_motion(f.context, &f.proxy, 8, 1, &seen);
     make_motion(f.context, &f.proxy, 48, 2, &unseen);
     double rigid[2][2];
     for (size_t i = 0; i < 2; ++i) {
@@ -358,6 +400,7 @@ int main(void) {
         cmocka_unit_test(rotations_give_the_same_bytes_at_any_thread_count),
         cmocka_unit_test(pins_hold_exactly),
         cmocka_unit_test(least_motion_raises_lambda_follow),
+        cmocka_unit_test(most_strain_raises_lambda_stretch),
         cmocka_unit_test(noise_helps_on_other_motions),
         cmocka_unit_test(equal_edges_count_alike),
         cmocka_unit_test(equal_edges_keep_short_edges),

@@ -757,6 +757,47 @@ static double motion_ratio(const fixture *f, double lambda_follow) {
     return moved / expected_motion;
 }
 
+static double weight_of(const pc_skin *skin, size_t v, uint32_t bone) {
+    double sum = 0.0;
+    for (size_t k = v * skin->influences; k < (v + 1) * skin->influences; ++k) {
+        sum += skin->bones[k] == bone ? skin->weights[k] : 0.0;
+    }
+    return sum;
+}
+
+// The heaviest of the mean of both.
+static void what_is_followed_is_the_mean(void **state) {
+    (void)state;
+    fixture f;
+    load_fixture("dress796", 1, &f);
+    pc_skin followed = {0}, closest = {0}, smoothed = {0};
+    assert_ok(f.context, pci_skin_follow_proxy(f.context, &f.visual, &f.proxy, &followed));
+    assert_ok(f.context, pc_skin_closest_triangle(f.context, &f.visual, &f.proxy, &closest));
+    assert_ok(f.context, pc_skin_heat_smoothed(f.context, &f.visual, &f.proxy, followed.influences,
+                                               &smoothed));
+    for (size_t v = 0; v < f.visual.vertex_count; ++v) {
+        const uint32_t *bones = &followed.bones[v * followed.influences];
+        const double *weights = &followed.weights[v * followed.influences];
+        double kept = 0.0, sum = 0.0;
+        for (size_t k = 0; k < followed.influences && weights[k] > 0.0; ++k) {
+            kept += 0.5 * (weight_of(&closest, v, bones[k]) + weight_of(&smoothed, v, bones[k]));
+            sum += weights[k];
+        }
+        assert_true(kept > 0.95);
+        assert_close(sum, 1.0, 1e-12);
+        for (size_t k = 0; k < followed.influences && weights[k] > 0.0; ++k) {
+            const double mean =
+                0.5 * (weight_of(&closest, v, bones[k]) + weight_of(&smoothed, v, bones[k]));
+            assert_close(weights[k], mean / kept, 1e-12);
+            assert_true(k == 0 || weights[k] <= weights[k - 1]);
+        }
+    }
+    pc_skin_free(f.context, &followed);
+    pc_skin_free(f.context, &closest);
+    pc_skin_free(f.context, &smoothed);
+    free_fixture(&f);
+}
+
 static void follows_the_proxy(void **state) {
     (void)state;
     for (size_t i = 0; i < 2; ++i) {
@@ -820,6 +861,7 @@ int main(void) {
         cmocka_unit_test(short_rows_say_the_same),
         cmocka_unit_test(coarse_vertices_stand_for_all),
         cmocka_unit_test(changes_are_prolonged),
+        cmocka_unit_test(what_is_followed_is_the_mean),
         cmocka_unit_test(follows_the_proxy),
         cmocka_unit_test(lengths_are_kept_as_asked),
     };

@@ -564,6 +564,9 @@ static inline __attribute__((always_inline)) bool minimize_on_face(const sweep_j
     double step[PCI_SKIN_SLOTS_MAX];
     row_face face;
     find_face(r, &face);
+    if (face.count == 0) {
+        return false;
+    }
     if (q->faces[v] != face.bits) {
         find_inverse(q, g, width, row, &face, inverse);
         q->faces[v] = face.bits;

@@ -271,6 +271,7 @@ typedef struct facing {
 static void compare_facing(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const facing *f = user;
+    uint32_t nearest = PC_INVALID_INDEX;
     for (size_t t = begin; t < end; ++t) {
         if (t % f->stride != 0) {
             continue;
@@ -278,8 +279,8 @@ static void compare_facing(void *user, size_t begin, size_t end, uint32_t worker
         double middle[3], ours[3], theirs[3];
         pci_triangle_middle(f->layer, t, middle);
         pci_triangle_vector(f->layer, t, ours);
-        pci_triangle_vector(f->reference, pci_bvh_closest(f->bvh, middle, INFINITY).triangle,
-                            theirs);
+        nearest = pci_bvh_closest_near(f->bvh, middle, nearest).triangle;
+        pci_triangle_vector(f->reference, nearest, theirs);
         f->votes[t] = pci_normalize(theirs) ? pci_dot(ours, theirs) : 0.0;
     }
 }

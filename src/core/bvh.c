@@ -111,32 +111,30 @@ static bool normalise_space(pci_bvh *bvh) {
     return true;
 }
 
-// Whether the box of a triangle holds the point.
-static bool box_holds(const pc_mesh *mesh, size_t triangle, const double point[3]) {
-    bool inside = true;
-    for (size_t k = 0; k < 3 && inside; ++k) {
-        const double a = corner(mesh, triangle, 0)[k], b = corner(mesh, triangle, 1)[k],
-                     c = corner(mesh, triangle, 2)[k];
-        inside = (a <= point[k] || b <= point[k] || c <= point[k]) &&
-                 (a >= point[k] || b >= point[k] || c >= point[k]);
-    }
-    return inside;
-}
-
 // How many boxes hold the middle of a triangle, on average over some.
 static double measure_overlap(const pci_bvh *bvh) {
-    enum { most_samples = 64 };
-    const size_t count = bvh->mesh->triangle_count;
-    const size_t samples = count < most_samples ? count : most_samples;
+    enum { samples = 16 };
+    const pc_mesh *mesh = bvh->mesh;
+    double middles[samples][3];
     size_t sum = 0;
     for (size_t i = 0; i < samples; ++i) {
-        double middle[3];
-        pci_triangle_middle(bvh->mesh, i * (count / samples), middle);
-        for (size_t t = 0; t < count; ++t) {
-            sum += !bvh->duplicate[t] && box_holds(bvh->mesh, t, middle);
+        pci_triangle_middle(mesh, i * (mesh->triangle_count / samples), middles[i]);
+    }
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        double lower[3], upper[3];
+        for (size_t k = 0; k < 3; ++k) {
+            const double a = corner(mesh, t, 0)[k], b = corner(mesh, t, 1)[k],
+                         c = corner(mesh, t, 2)[k];
+            lower[k] = fmin(fmin(a, b), c);
+            upper[k] = fmax(fmax(a, b), c);
+        }
+        for (size_t i = 0; i < samples && !bvh->duplicate[t]; ++i) {
+            const double *p = middles[i];
+            sum += p[0] >= lower[0] && p[0] <= upper[0] && p[1] >= lower[1] && p[1] <= upper[1] &&
+                   p[2] >= lower[2] && p[2] <= upper[2];
         }
     }
-    return samples > 0 ? (double)sum / (double)samples : 0.0;
+    return (double)sum / samples;
 }
 
 static enum RTCError build_scene(pc_context *context, const char *stage, pci_bvh *bvh,
@@ -193,7 +191,8 @@ static pc_status build_tree(pc_context *context, const char *stage, const pc_mes
                         "%s: a vertex position is infinite or not a number", stage);
     }
 
-    const double overlap = measure_overlap(created);
+    const double overlap =
+        (double)mesh->triangle_count > MOST_OVERLAP ? measure_overlap(created) : 0.0;
     if (overlap > MOST_OVERLAP) {
         pci_bvh_destroy(context, created);
         return pci_fail(context, PC_ERROR_TOO_LARGE, stage,

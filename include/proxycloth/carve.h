@@ -25,6 +25,13 @@
 ///   away. Folds narrower than about four voxels are flattened then: a coarse proxy would crumple
 ///   in them.
 ///
+/// DEVIATION: where the labelled layer bridges gaps (half a percent of its area is more than half a
+/// voxel away from the cloth, as between two legs), parts that are worn over each other are sewn to
+/// one sheet instead: what has another part before it within four voxels (trousers beneath a shirt)
+/// is cut away, and the rest sewn to the hem above it. The sheet is taken if it has as many
+/// components and loops as the labelled layer, is plain or folded as above, and 99 % of the visual
+/// vertices are within four voxels of it.
+///
 /// The border of the layer follows the voxels; with `snap_border` it is moved onto the garment's
 /// hems within 1.5 voxels (edges of one triangle with no other cloth in front), and the surface
 /// behind it follows. Straps of few voxels stay as they are.

@@ -111,31 +111,7 @@ static bool normalise_space(pci_bvh *bvh) {
     return true;
 }
 
-// How many boxes hold the middle of a triangle, on average over some.
-static double measure_overlap(const pci_bvh *bvh) {
-    enum { samples = 16 };
-    const pc_mesh *mesh = bvh->mesh;
-    double middles[samples][3];
-    size_t sum = 0;
-    for (size_t i = 0; i < samples; ++i) {
-        pci_triangle_middle(mesh, i * (mesh->triangle_count / samples), middles[i]);
-    }
-    for (size_t t = 0; t < mesh->triangle_count; ++t) {
-        double lower[3], upper[3];
-        for (size_t k = 0; k < 3; ++k) {
-            const double a = corner(mesh, t, 0)[k], b = corner(mesh, t, 1)[k],
-                         c = corner(mesh, t, 2)[k];
-            lower[k] = fmin(fmin(a, b), c);
-            upper[k] = fmax(fmax(a, b), c);
-        }
-        for (size_t i = 0; i < samples && !bvh->duplicate[t]; ++i) {
-            const double *p = middles[i];
-            sum += p[0] >= lower[0] && p[0] <= upper[0] && p[1] >= lower[1] && p[1] <= upper[1] &&
-                   p[2] >= lower[2] && p[2] <= upper[2];
-        }
-    }
-    return (double)sum / samples;
-}
+static double measure_overlap(const pci_bvh *bvh);
 
 static enum RTCError build_scene(pc_context *context, const char *stage, pci_bvh *bvh,
                                  build_watch *watch) {
@@ -191,15 +167,6 @@ static pc_status build_tree(pc_context *context, const char *stage, const pc_mes
                         "%s: a vertex position is infinite or not a number", stage);
     }
 
-    const double overlap =
-        (double)mesh->triangle_count > MOST_OVERLAP ? measure_overlap(created) : 0.0;
-    if (overlap > MOST_OVERLAP) {
-        pci_bvh_destroy(context, created);
-        return pci_fail(context, PC_ERROR_TOO_LARGE, stage,
-                        "%s: the boxes of %.0f triangles hold the same point, at most %.0f", stage,
-                        overlap, MOST_OVERLAP);
-    }
-
     build_watch watch = {.context = context, .thread = pthread_self(), .wanted = true};
     const enum RTCError error = build_scene(context, stage, created, &watch);
     if (error != RTC_ERROR_NONE) {
@@ -212,6 +179,13 @@ static pc_status build_tree(pc_context *context, const char *stage, const pc_mes
         }
         return pci_fail(context, PC_ERROR_DEPENDENCY, stage, "%s: Embree failed with error %d",
                         stage, (int)error);
+    }
+    const double overlap = measure_overlap(created);
+    if (overlap > MOST_OVERLAP) {
+        pci_bvh_destroy(context, created);
+        return pci_fail(context, PC_ERROR_TOO_LARGE, stage,
+                        "%s: the boxes of %.0f triangles hold the same point, at most %.0f", stage,
+                        overlap, MOST_OVERLAP);
     }
     *bvh = created;
     return PC_OK;
@@ -455,6 +429,45 @@ static void visit_around(const pci_bvh *bvh, const double point[3], double radiu
     struct RTCPointQueryContext search_context;
     rtcInitPointQueryContext(&search_context);
     rtcPointQuery(bvh->scene, &search, &search_context, visit, user);
+}
+
+typedef struct overlap_query {
+    const pci_bvh *bvh;
+    const double *point;
+    size_t count;
+} overlap_query;
+
+// Counts the boxes that hold the point.
+static bool count_box(struct RTCPointQueryFunctionArguments *arguments) {
+    overlap_query *query = arguments->userPtr;
+    bool inside = true;
+    for (size_t k = 0; k < 3 && inside; ++k) {
+        const double x = query->point[k];
+        bool below = false, above = false;
+        for (size_t c = 0; c < 3; ++c) {
+            const double at = corner(query->bvh->mesh, arguments->primID, c)[k];
+            below = below || at <= x;
+            above = above || at >= x;
+        }
+        inside = below && above;
+    }
+    query->count += inside;
+    return false;
+}
+
+// How many boxes hold the middle of a triangle, on average over some.
+static double measure_overlap(const pci_bvh *bvh) {
+    enum { most_samples = 64 };
+    const size_t count = bvh->mesh->triangle_count;
+    const size_t samples = count < most_samples ? count : most_samples;
+    overlap_query query = {.bvh = bvh};
+    for (size_t i = 0; i < samples; ++i) {
+        double middle[3], slack = 0.0;
+        pci_triangle_middle(bvh->mesh, i * (count / samples), middle);
+        query.point = middle;
+        visit_around(bvh, middle, 0.0, count_box, &query, &slack);
+    }
+    return samples > 0 ? (double)query.count / (double)samples : 0.0;
 }
 
 // The result of a finished query.

@@ -6,11 +6,12 @@
 
 static bool create_arrays(pci_scratch *scratch, pci_cycle_program *p) {
     const size_t m = p->graph->edge_count, n = p->graph->vertex_count;
-    float **by_edge[] = {&p->costs, &p->y, &p->y_bar, &p->y_sum, &p->y_start, &p->load};
+    float **by_edge[] = {&p->costs,   &p->y,    &p->y_bar,  &p->y_sum,
+                         &p->y_start, &p->load, &p->y_rates};
     for (size_t k = 0; k < sizeof(by_edge) / sizeof(by_edge[0]); ++k) {
         *by_edge[k] = PCI_SCRATCH(scratch, float, m);
     }
-    float **by_vertex[] = {&p->u, &p->u_bar, &p->u_sum, &p->u_start, &p->excess};
+    float **by_vertex[] = {&p->u, &p->u_bar, &p->u_sum, &p->u_start, &p->excess, &p->u_rates};
     for (size_t k = 0; k < sizeof(by_vertex) / sizeof(by_vertex[0]); ++k) {
         *by_vertex[k] = PCI_SCRATCH(scratch, float, n);
     }
@@ -141,22 +142,28 @@ static void step_flow(pci_cycle_program *p) {
     const pci_signed_graph *graph = p->graph;
     const float rate = p->weight / 3.0F;
     memset(p->excess, 0, graph->vertex_count * sizeof(*p->excess));
-    for (size_t e = 0; e < graph->edge_count; ++e) {
-        const pci_signed_edge *edge = &graph->edges[e];
-        const float sign = edge->opposite ? -1.0F : 1.0F;
-        const float rise = p->u_bar[edge->a] - sign * p->u_bar[edge->b];
-        pci_flow *z = &p->z[e];
-        z->forward = positive(z->forward + rate * (rise - p->y_bar[e]));
-        z->backward = positive(z->backward + rate * (-rise - p->y_bar[e]));
-        p->z_sum[e].forward += z->forward;
-        p->z_sum[e].backward += z->backward;
-        p->load[e] = z->forward + z->backward;
-        p->excess[edge->a] += z->forward - z->backward;
-        p->excess[edge->b] -= sign * (z->forward - z->backward);
+    for (size_t e = 0; e < graph->edge_count;) {
+        // The edges from one vertex to later ones; those to earlier ones have been.
+        const uint32_t a = graph->edges[e].a;
+        const float u = p->u_bar[a];
+        float excess = p->excess[a];
+        for (; e < graph->edge_count && graph->edges[e].a == a; ++e) {
+            const uint32_t b = graph->edges[e].b;
+            const float sign = graph->edges[e].opposite ? -1.0F : 1.0F;
+            const float rise = u - sign * p->u_bar[b];
+            const pci_flow z = {positive(p->z[e].forward + rate * (rise - p->y_bar[e])),
+                                positive(p->z[e].backward + rate * (-rise - p->y_bar[e]))};
+            p->z[e] = z;
+            p->z_sum[e].forward += z.forward;
+            p->z_sum[e].backward += z.backward;
+            p->load[e] = z.forward + z.backward;
+            excess += z.forward - z.backward;
+            p->excess[b] -= sign * (z.forward - z.backward);
+        }
+        p->excess[a] = excess;
     }
     for (size_t v = 1; v < graph->vertex_count; ++v) {
-        const float rate_v = 1.0F / (p->weight * vertex_weight(p, v));
-        const float u = clamp(p->u[v] - rate_v * p->excess[v], -0.5F, 0.5F);
+        const float u = clamp(p->u[v] - p->u_rates[v] * p->excess[v], -0.5F, 0.5F);
         p->u_bar[v] = 2.0F * u - p->u[v];
         p->u[v] = u;
         p->u_sum[v] += u;
@@ -186,8 +193,7 @@ static void step(pci_cycle_program *p) {
         begin = cycle->end;
     }
     for (size_t e = 0; e < m; ++e) {
-        const float rate = 1.0F / (p->weight * edge_weight(p, e));
-        const float y = clamp(p->y[e] - rate * (p->costs[e] - p->load[e]), 0.0F, 1.0F);
+        const float y = clamp(p->y[e] - p->y_rates[e] * (p->costs[e] - p->load[e]), 0.0F, 1.0F);
         p->y_bar[e] = 2.0F * y - p->y[e];
         p->y[e] = y;
         p->y_sum[e] += y;
@@ -309,10 +315,20 @@ static void balance(pci_cycle_program *p) {
     }
 }
 
+static void set_rates(pci_cycle_program *p) {
+    for (size_t e = 0; e < p->graph->edge_count; ++e) {
+        p->y_rates[e] = 1.0F / (p->weight * edge_weight(p, e));
+    }
+    for (size_t v = 0; v < p->graph->vertex_count; ++v) {
+        p->u_rates[v] = 1.0F / (p->weight * vertex_weight(p, v));
+    }
+}
+
 // Restarts from the better one of the last and the average point, as in Applegate et al., "Faster
 // first-order primal-dual methods for linear programming using restarts and sharpness", 2023.
 double pci_cycle_program_iterate(pci_cycle_program *p) {
     begin_average(p);
+    set_rates(p);
     for (uint32_t k = 0; k < PCI_PROGRAM_STEPS; ++k) {
         step(p);
     }

@@ -28,11 +28,11 @@ typedef struct pci_cycle_program {
     float *costs; // all by edge
     float *y, *y_bar, *y_sum, *y_start;
     pci_flow *z, *z_sum, *z_start;
-    float *load;
+    float *load, *y_rates;              // step lengths
     uint32_t *degrees;                  // cycles through the edge
     bool has_flow;                      // at least two edges at the ground
     float *u, *u_bar, *u_sum, *u_start; // all by vertex
-    float *excess;                      // what the flow takes out of a vertex
+    float *excess, *u_rates;            // what the flow takes out of a vertex; step lengths
     uint32_t *valences;
     size_t cycle_count, cycle_capacity;
     pci_cycle *cycles;

@@ -46,6 +46,16 @@ static void set_outgoing(pci_halfedge *mesh, uint32_t h) {
     mesh->outgoing[mesh->corners[h]] = first;
 }
 
+// The same after an operation that leaves the vertex on the border, or inside, as it was; `border`
+// tells which.
+static void keep_outgoing(pci_halfedge *mesh, uint32_t h, bool border) {
+    if (border) {
+        set_outgoing(mesh, h);
+    } else {
+        mesh->outgoing[mesh->corners[h]] = h;
+    }
+}
+
 bool pci_halfedge_build(pci_scratch *scratch, const pc_mesh *mesh, pci_halfedge *result) {
     memset(result, 0, sizeof(*result));
     result->scratch = scratch;
@@ -144,6 +154,9 @@ uint32_t pci_split_edge(pci_halfedge *mesh, uint32_t h, const double position[3]
     const uint32_t c = mesh->corners[pci_previous(h)];
     const uint32_t bc = mesh->twins[pci_next(h)], ca = mesh->twins[pci_previous(h)];
     const uint32_t t0 = h - h % 3, t1 = 3 * (uint32_t)mesh->triangle_count++;
+    const bool border_a = pci_is_border_vertex(mesh, a), border_b = pci_is_border_vertex(mesh, b);
+    const bool border_c = pci_is_border_vertex(mesh, c);
+    const bool border_d = inner && pci_is_border_vertex(mesh, mesh->corners[pci_previous(g)]);
     // (a, b, c) becomes (a, m, c) and (m, b, c).
     set_triangle(mesh, t0, a, m, c, PC_INVALID_INDEX, PC_INVALID_INDEX, ca);
     set_triangle(mesh, t1, m, b, c, PC_INVALID_INDEX, bc, t0 + 1);
@@ -154,12 +167,12 @@ uint32_t pci_split_edge(pci_halfedge *mesh, uint32_t h, const double position[3]
         const uint32_t t2 = g - g % 3, t3 = 3 * (uint32_t)mesh->triangle_count++;
         set_triangle(mesh, t2, b, m, d, t1, PC_INVALID_INDEX, db);
         set_triangle(mesh, t3, m, a, d, t0, ad, t2 + 1);
-        set_outgoing(mesh, t3 + 2);
+        keep_outgoing(mesh, t3 + 2, border_d);
     }
-    set_outgoing(mesh, t0);
-    set_outgoing(mesh, t0 + 1);
-    set_outgoing(mesh, t0 + 2);
-    set_outgoing(mesh, t1 + 1);
+    keep_outgoing(mesh, t0, border_a);
+    keep_outgoing(mesh, t0 + 1, !inner);
+    keep_outgoing(mesh, t0 + 2, border_c);
+    keep_outgoing(mesh, t1 + 1, border_b);
     return m;
 }
 
@@ -259,10 +272,12 @@ void pci_flip(pci_halfedge *mesh, uint32_t h) {
     const uint32_t bc = mesh->twins[pci_next(h)], ca = mesh->twins[pci_previous(h)];
     const uint32_t ad = mesh->twins[pci_next(g)], db = mesh->twins[pci_previous(g)];
     const uint32_t t0 = h - h % 3, t1 = g - g % 3;
+    const bool border_a = pci_is_border_vertex(mesh, a), border_b = pci_is_border_vertex(mesh, b);
+    const bool border_c = pci_is_border_vertex(mesh, c), border_d = pci_is_border_vertex(mesh, d);
     set_triangle(mesh, t0, a, d, c, ad, PC_INVALID_INDEX, ca);
     set_triangle(mesh, t1, d, b, c, db, bc, t0 + 1);
-    set_outgoing(mesh, t0);
-    set_outgoing(mesh, t0 + 1);
-    set_outgoing(mesh, t0 + 2);
-    set_outgoing(mesh, t1 + 1);
+    keep_outgoing(mesh, t0, border_a);
+    keep_outgoing(mesh, t0 + 1, border_d);
+    keep_outgoing(mesh, t0 + 2, border_c);
+    keep_outgoing(mesh, t1 + 1, border_b);
 }

@@ -83,46 +83,62 @@ static void wing_direction(const pc_mesh *mesh, uint32_t h, double wing[3]) {
     pci_normalize(wing);
 }
 
+// The half-edge of triangle t that runs along edge e.
+static uint32_t half_along(const pci_topology *topology, uint32_t t, size_t e) {
+    uint32_t half = 3 * t;
+    while (topology->triangle_edges[half] != e) {
+        ++half;
+    }
+    return half;
+}
+
 // The half-edges of the first living triangles at an edge. More than `most_wings` are no cloth.
 enum { most_wings = 64 };
-static size_t list_wings(const repair *r, size_t e, uint32_t half[most_wings],
-                         double wing[most_wings][3]) {
+static size_t list_living(const repair *r, size_t e, uint32_t half[most_wings]) {
     const pci_topology *topology = &r->topology;
     const size_t end = topology->edge_triangle_offsets[e + 1];
     size_t count = 0;
     for (size_t i = topology->edge_triangle_offsets[e]; i < end && count < most_wings; ++i) {
         const uint32_t t = topology->edge_triangles[i];
         if (r->alive[t]) {
-            half[count] = 3 * t;
-            while (topology->triangle_edges[half[count]] != e) {
-                ++half[count];
-            }
-            wing_direction(r->mesh, half[count], wing[count]);
-            ++count;
+            half[count++] = half_along(topology, t, e);
         }
     }
     return count;
+}
+
+// Puts the two that continue each other best in front.
+static void find_flattest(const repair *r, uint32_t half[most_wings], size_t count) {
+    double wing[most_wings][3], flattest = INFINITY;
+    size_t best[2] = {0, 1};
+    for (size_t i = 0; i < count; ++i) {
+        wing_direction(r->mesh, half[i], wing[i]);
+    }
+    for (size_t i = 0; i < count; ++i) {
+        for (size_t j = i + 1; j < count; ++j) {
+            const double bend = pci_dot(wing[i], wing[j]); // -1 is flat
+            if (bend < flattest) {
+                flattest = bend;
+                best[0] = i, best[1] = j;
+            }
+        }
+    }
+    const uint32_t pair[2] = {half[best[0]], half[best[1]]};
+    memcpy(half, pair, sizeof(pair));
 }
 
 // Joins at every edge the two living triangles that continue each other best.
 static void glue_edges(repair *r) {
     memset(r->glued, 0xff, 3 * r->mesh->triangle_count * sizeof(*r->glued));
     for (size_t e = 0; e < r->topology.edge_count; ++e) {
-        uint32_t half[most_wings], best[2] = {PC_INVALID_INDEX, PC_INVALID_INDEX};
-        double wing[most_wings][3], flattest = INFINITY;
-        const size_t count = list_wings(r, e, half, wing);
-        for (size_t i = 0; i < count; ++i) {
-            for (size_t j = i + 1; j < count; ++j) {
-                const double bend = pci_dot(wing[i], wing[j]); // -1 is flat
-                if (bend < flattest) {
-                    flattest = bend;
-                    best[0] = half[i], best[1] = half[j];
-                }
-            }
+        uint32_t half[most_wings];
+        const size_t count = list_living(r, e, half);
+        if (count > 2) {
+            find_flattest(r, half, count);
         }
-        if (best[0] != PC_INVALID_INDEX) {
-            r->glued[best[0]] = best[1];
-            r->glued[best[1]] = best[0];
+        if (count >= 2) {
+            r->glued[half[0]] = half[1];
+            r->glued[half[1]] = half[0];
         }
     }
 }
@@ -213,10 +229,34 @@ static int compare_fan_edges(const void *a, const void *b) {
     return (x->half > y->half) - (x->half < y->half);
 }
 
+// Whether at some edge living triangles meet that are not joined.
+static bool is_crowded(const repair *r) {
+    const pci_topology *topology = &r->topology;
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        size_t living = 0;
+        bool apart = false;
+        for (size_t i = topology->edge_triangle_offsets[e];
+             i < topology->edge_triangle_offsets[e + 1]; ++i) {
+            const uint32_t t = topology->edge_triangles[i];
+            if (r->alive[t]) {
+                ++living;
+                apart = apart || r->glued[half_along(topology, t, e)] == PC_INVALID_INDEX;
+            }
+        }
+        if (living > 1 && apart) {
+            return true;
+        }
+    }
+    return false;
+}
+
 // Removes triangles that meet others in an edge without being joined to them. False: out of memory.
 static bool remove_crowded(repair *r, fan_edge *edges, size_t *removed) {
     size_t count = 0;
     *removed = 0;
+    if (!is_crowded(r)) {
+        return true;
+    }
     for (uint32_t h = 0; h < 3 * r->mesh->triangle_count; ++h) {
         if (r->alive[h / 3]) {
             const uint32_t a = r->triangles[h], b = r->triangles[h - h % 3 + (h + 1) % 3];

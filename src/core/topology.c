@@ -1,5 +1,7 @@
 #include "core/topology.h"
 
+#include <stdlib.h>
+
 #include "core/sorting.h"
 #include "core/union_find.h"
 
@@ -18,79 +20,99 @@ static void half_edge_ends(const pc_mesh *mesh, size_t half, uint32_t ends[2]) {
     ends[1] = a < b ? b : a;
 }
 
-// Orders the half-edges by (first, second, index), leaving out those without length: two stable
-// counting sorts. `order` has room for all. False: out of memory, or cancelled while `watched`.
-static bool sort_half_edges(pci_scratch *scratch, const pc_mesh *mesh, bool watched,
-                            uint32_t *order, size_t *count) {
-    const size_t half_count = 3 * mesh->triangle_count, nv = mesh->vertex_count;
-    uint32_t *by_second = PCI_SCRATCH(scratch, uint32_t, half_count);
-    size_t *next = PCI_SCRATCH(scratch, size_t, 2 * (nv + 1));
-    if (scratch->failed) {
-        return false;
+// A half-edge in the row of its smaller vertex.
+typedef struct half_entry {
+    uint32_t second; // the larger vertex
+    uint32_t half;
+} half_entry;
+
+static int compare_entries(const void *left, const void *right) {
+    const half_entry *a = left, *b = right;
+    return a->second != b->second ? (a->second > b->second) - (a->second < b->second)
+                                  : (a->half > b->half) - (a->half < b->half);
+}
+
+// Orders a row by (second, half); the halves rise.
+static void sort_row(half_entry *row, size_t count) {
+    enum { most_inserted = 32 };
+    if (count > most_inserted) {
+        qsort(row, count, sizeof(*row), compare_entries);
+        return;
     }
-    size_t *next_first = next, *next_second = next + nv + 1;
+    for (size_t i = 1; i < count; ++i) {
+        const half_entry entry = row[i];
+        size_t at = i;
+        for (; at > 0 && row[at - 1].second > entry.second; --at) {
+            row[at] = row[at - 1];
+        }
+        row[at] = entry;
+    }
+}
+
+// The half-edges with length in rows by their smaller vertex, ordered: row v is entries[offsets[v]
+// .. offsets[v + 1]). `entries` has room for all, `offsets` is #V + 2. False: cancelled while
+// `watched`.
+static bool sort_half_edges(pc_context *context, const pc_mesh *mesh, bool watched,
+                            half_entry *entries, size_t *offsets) {
+    const size_t half_count = 3 * mesh->triangle_count, nv = mesh->vertex_count;
+    size_t *next = offsets + 1;
     uint32_t ends[2];
     for (size_t h = 0; h < half_count; ++h) {
         half_edge_ends(mesh, h, ends);
-        if (ends[0] != ends[1]) {
-            ++next_first[ends[0] + 1];
-            ++next_second[ends[1] + 1];
-        }
+        next[ends[0] + 1] += ends[0] != ends[1];
     }
-    accumulate(next_first, nv);
-    accumulate(next_second, nv);
-    *count = next_first[nv];
-    if (watched && !pci_keep_going(scratch->context)) {
+    accumulate(next, nv);
+    if (watched && !pci_keep_going(context)) {
         return false;
     }
     for (size_t h = 0; h < half_count; ++h) {
         half_edge_ends(mesh, h, ends);
         if (ends[0] != ends[1]) {
-            by_second[next_second[ends[1]]++] = (uint32_t)h;
+            entries[next[ends[0]]++] = (half_entry){ends[1], (uint32_t)h};
         }
     }
-    if (watched && !pci_keep_going(scratch->context)) {
+    if (watched && !pci_keep_going(context)) {
         return false;
     }
-    for (size_t i = 0; i < *count; ++i) {
-        half_edge_ends(mesh, by_second[i], ends);
-        order[next_first[ends[0]]++] = by_second[i];
+    for (size_t v = 0; v < nv; ++v) {
+        sort_row(&entries[offsets[v]], offsets[v + 1] - offsets[v]);
     }
-    return !watched || pci_keep_going(scratch->context);
+    return !watched || pci_keep_going(context);
 }
 
 // Edges, edges of triangles and triangles of edges from the ordered half-edges.
-static bool build_edges(pci_scratch *scratch, const pc_mesh *mesh, const uint32_t *order,
-                        size_t count, pci_topology *topology) {
+static bool build_edges(pci_scratch *scratch, const pc_mesh *mesh, const half_entry *entries,
+                        const size_t *offsets, pci_topology *topology) {
     const size_t half_count = 3 * mesh->triangle_count;
     topology->triangle_edges = PCI_SCRATCH(scratch, uint32_t, half_count);
     topology->edge_triangles = PCI_SCRATCH(scratch, uint32_t, half_count);
-    if (scratch->failed) {
-        return false;
-    }
-    memset(topology->triangle_edges, 0xff, half_count * sizeof(uint32_t));
-    uint32_t previous[2] = {PC_INVALID_INDEX, PC_INVALID_INDEX}, ends[2];
-    for (size_t i = 0; i < count; ++i) {
-        half_edge_ends(mesh, order[i], ends);
-        topology->edge_count += ends[0] != previous[0] || ends[1] != previous[1];
-        memcpy(previous, ends, sizeof(previous));
-        topology->triangle_edges[order[i]] = (uint32_t)(topology->edge_count - 1);
+    for (size_t v = 0; v < mesh->vertex_count; ++v) {
+        for (size_t i = offsets[v]; i < offsets[v + 1]; ++i) {
+            topology->edge_count += i == offsets[v] || entries[i].second != entries[i - 1].second;
+        }
     }
     topology->edges = PCI_SCRATCH(scratch, uint32_t, 2 * topology->edge_count);
     topology->edge_triangle_offsets = PCI_SCRATCH(scratch, size_t, topology->edge_count + 1);
     if (scratch->failed) {
         return false;
     }
-    size_t written = 0;
-    for (size_t i = 0; i < count; ++i) {
-        const uint32_t e = topology->triangle_edges[order[i]], t = order[i] / 3;
-        const bool first = i == 0 || e != topology->triangle_edges[order[i - 1]];
-        half_edge_ends(mesh, order[i], &topology->edges[2 * (size_t)e]);
-        // A triangle with a repeated vertex runs along its edge twice.
-        if (first || topology->edge_triangles[written - 1] != t) {
-            topology->edge_triangles[written++] = t;
+    memset(topology->triangle_edges, 0xff, half_count * sizeof(uint32_t));
+    size_t edge = 0, written = 0;
+    for (size_t v = 0; v < mesh->vertex_count; ++v) {
+        for (size_t i = offsets[v]; i < offsets[v + 1]; ++i) {
+            const uint32_t t = entries[i].half / 3;
+            const bool first = i == offsets[v] || entries[i].second != entries[i - 1].second;
+            if (first) {
+                topology->edges[2 * edge] = (uint32_t)v;
+                topology->edges[2 * edge++ + 1] = entries[i].second;
+            }
+            topology->triangle_edges[entries[i].half] = (uint32_t)(edge - 1);
+            // A triangle with a repeated vertex runs along its edge twice.
+            if (first || topology->edge_triangles[written - 1] != t) {
+                topology->edge_triangles[written++] = t;
+            }
+            topology->edge_triangle_offsets[edge] = written;
         }
-        topology->edge_triangle_offsets[e + 1] = written;
     }
     return true;
 }
@@ -150,10 +172,10 @@ static bool build(pci_scratch *scratch, const pc_mesh *mesh, bool watched, pci_t
     pc_context *context = scratch->context;
     pci_scratch temporary = pci_scratch_begin(context);
     memset(topology, 0, sizeof(*topology));
-    uint32_t *order = PCI_SCRATCH(&temporary, uint32_t, 3 * mesh->triangle_count);
-    size_t count = 0;
-    bool good = order != NULL && sort_half_edges(&temporary, mesh, watched, order, &count) &&
-                build_edges(scratch, mesh, order, count, topology) &&
+    half_entry *entries = PCI_SCRATCH(&temporary, half_entry, 3 * mesh->triangle_count);
+    size_t *offsets = PCI_SCRATCH(&temporary, size_t, mesh->vertex_count + 2);
+    bool good = !temporary.failed && sort_half_edges(context, mesh, watched, entries, offsets) &&
+                build_edges(scratch, mesh, entries, offsets, topology) &&
                 (!watched || pci_keep_going(context));
     scratch->failed |= temporary.failed;
     pci_scratch_end(&temporary);

@@ -62,6 +62,11 @@ static const double flattened_voxels = 1.0;
 static const double least_coverage = 0.99;
 // What the visual mesh covers is within this many voxels of the layer.
 static const double covered_voxels = 2.0;
+// Where a layer bridges a gap it is farther than this from the cloth, in voxels; so much of its
+// area may do so.
+static const double bridge_voxels = 0.5, most_bridges = 0.005;
+// An outfit has a few parts that are worn over each other; patterns have more panels.
+static const size_t most_parts = 6;
 // Small parts farther than this from the others are loose parts of the garment, not crumbs.
 static const double loose_voxels = 2.0;
 // Radius of the ball that tells rims from surfaces, in voxels: narrower than openings of note.
@@ -227,10 +232,49 @@ static pc_status cut(pci_scratch *scratch, const pc_mesh *cloth, const pci_bvh *
                                                       : pci_fail_cancelled(scratch->context, stage);
 }
 
-// The labelled side of the projected mesh, cut along the outline.
+// Finds the triangles whose middles are farther than `reach` from the cloth.
+typedef struct bridge_job {
+    const pci_bvh *cloth;
+    const pc_mesh *layer;
+    double reach;
+    uint8_t *away; // #F
+} bridge_job;
+
+static void find_bridges(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const bridge_job *job = user;
+    for (size_t t = begin; t < end; ++t) {
+        double middle[3];
+        pci_triangle_middle(job->layer, t, middle);
+        job->away[t] = !pci_bvh_within(job->cloth, middle, job->reach);
+    }
+}
+
+// The projected mesh lies on the cloth but where the voxels bridge a gap. `share` receives the
+// bridges' share of the layer's area. False: out of memory.
+static bool measure_bridges(pci_scratch *scratch, const pci_bvh *cloth, const pc_mesh *layer,
+                            double cell_size, double *share) {
+    uint8_t *away = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
+    if (away == NULL) {
+        return false;
+    }
+    bridge_job job = {cloth, layer, bridge_voxels * cell_size, away};
+    pci_parallel_for(scratch->context, layer->triangle_count, grain, find_bridges, &job);
+    double total = 0.0, sum = 0.0;
+    for (size_t t = 0; t < layer->triangle_count; ++t) {
+        const double area = pci_triangle_area(layer, t);
+        total += area;
+        sum += away[t] ? area : 0.0;
+    }
+    *share = total > 0.0 ? sum / total : 0.0;
+    return true;
+}
+
+// The labelled side of the projected mesh, cut along the outline. `bridges` receives the share of
+// it that bridges gaps; NULL: not wanted.
 static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
                                 const pc_mesh *projected, const uint8_t *labels, double cell_size,
-                                const pc_carve_options *options, pc_mesh *layer,
+                                const pc_carve_options *options, pc_mesh *layer, double *bridges,
                                 pc_carve_report *report) {
     pci_knn rims = {0};
     pci_bvh *visual = NULL;
@@ -248,9 +292,22 @@ static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *surface, co
     if (status == PC_OK) {
         status = cut(scratch, cloth, visual, &rims, cell_size, options, layer, report);
     }
+    if (status == PC_OK && bridges != NULL &&
+        !measure_bridges(scratch, visual, layer, cell_size, bridges)) {
+        status = pci_fail_memory(scratch->context, stage);
+    }
     pci_bvh_destroy(scratch->context, visual);
     report->source = PC_LAYER_LABELS;
     return status == PC_OK ? measure(scratch, surface, layer, cell_size, report) : status;
+}
+
+// The labelled triangles of the projected mesh; may be none.
+static pc_status labelled_side(pci_scratch *scratch, const pc_mesh *projected,
+                               const uint8_t *labels, pc_mesh *side) {
+    const uint8_t *keep = kept_triangles(scratch, projected, labels);
+    return keep != NULL && pci_mesh_compact(scratch, projected, keep, side, NULL)
+               ? PC_OK
+               : pci_fail_memory(scratch->context, stage);
 }
 
 // Takes the visual mesh as the layer, with the labelled side outside.
@@ -259,7 +316,6 @@ static pc_status take_visual(pci_scratch *scratch, const pc_mesh *surface, const
                              pc_mesh *visual, pc_mesh *layer, pc_carve_report *report) {
     pc_context *context = scratch->context;
     pc_mesh side = {0};
-    uint8_t *keep = kept_triangles(scratch, projected, labels);
     pc_mesh_free(context, layer);
     *layer = *visual;
     *visual = (pc_mesh){0};
@@ -267,15 +323,50 @@ static pc_status take_visual(pci_scratch *scratch, const pc_mesh *surface, const
     if (layer->triangle_count == 0) {
         return no_proxy(context, "the visual mesh has none of use");
     }
-    if (keep == NULL || !pci_mesh_compact(scratch, projected, keep, &side, NULL)) {
-        return pci_fail_memory(context, stage);
-    }
-    pc_status status = PC_OK;
-    if (side.triangle_count > 0) {
-        status = pci_face_like(scratch, stage, &side, layer);
+    pc_status status = labelled_side(scratch, projected, labels, &side);
+    if (status == PC_OK && side.triangle_count > 0) {
+        status = pci_face_like(scratch, stage, &side, 1, layer);
     }
     pc_mesh_free(context, &side);
     return status == PC_OK ? measure(scratch, surface, layer, cell_size, report) : status;
+}
+
+// Where the labelled layer bridges gaps, as between two legs, the parts of the cloth sewn to one
+// sheet are taken if that has the shape that the labels say.
+static pc_status try_sewing(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
+                            double thickness, const pc_mesh *projected, const uint8_t *labels,
+                            double cell_size, pc_mesh *layer, pc_carve_report *report) {
+    pc_mesh side = {0}, sewn = {0};
+    pc_carve_report other = {.source = PC_LAYER_VISUAL};
+    pc_status status = labelled_side(scratch, projected, labels, &side);
+    if (status == PC_OK && side.triangle_count > 0) {
+        status = pci_sewn_layer(scratch, stage, surface, cloth, &side, thickness, cell_size, &sewn,
+                                &other.filled_loops);
+    }
+    pc_mesh_free(scratch->context, &side);
+    if (status == PC_OK && sewn.triangle_count > 0) {
+        status = measure(scratch, surface, &sewn, cell_size, &other);
+    }
+    if (status == PC_OK && other.components == report->components &&
+        other.boundary_loops == report->boundary_loops) {
+        pc_mesh_free(scratch->context, layer);
+        *layer = sewn;
+        *report = other;
+    } else {
+        pc_mesh_free(scratch->context, &sewn);
+    }
+    return status;
+}
+
+// Whether there are parts that may be worn over each other, and not so many as a pattern has.
+static bool may_be_sewn(pci_scratch *scratch, const pc_mesh *cloth,
+                        const pc_carve_options *options) {
+    uint32_t *parents = PCI_SCRATCH(scratch, uint32_t, cloth->vertex_count);
+    if (parents == NULL || options->layer_source != PC_LAYER_AUTO) {
+        return false;
+    }
+    const size_t parts = pci_vertex_components(cloth, parents);
+    return parts > 1 && parts <= most_parts;
 }
 
 static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
@@ -285,6 +376,7 @@ static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface, cons
     const bool always = options->layer_source == PC_LAYER_VISUAL;
     pci_layering layering = PCI_LAYERED;
     uint64_t filled = 0;
+    double bridges = 0.0;
     pc_mesh visual = {0};
     pc_status status = PC_OK;
     if (options->layer_source != PC_LAYER_LABELS) {
@@ -299,8 +391,9 @@ static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface, cons
                            report);
     }
     if (status == PC_OK) {
-        status = labelled_layer(scratch, surface, cloth, projected, labels, cell_size, options,
-                                layer, report);
+        status =
+            labelled_layer(scratch, surface, cloth, projected, labels, cell_size, options, layer,
+                           may_be_sewn(scratch, cloth, options) ? &bridges : NULL, report);
     }
     if (status == PC_OK && layering == PCI_FOLDED) {
         pc_carve_report other = {0};
@@ -315,6 +408,10 @@ static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface, cons
         }
     }
     pc_mesh_free(scratch->context, &visual);
+    if (status == PC_OK && report->source == PC_LAYER_LABELS && bridges > most_bridges) {
+        status = try_sewing(scratch, surface, cloth, thickness, projected, labels, cell_size, layer,
+                            report);
+    }
     return status;
 }
 

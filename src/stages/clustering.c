@@ -8,6 +8,8 @@ typedef struct clustering {
     const double *weights, *scales;
     size_t count; // clusters
     uint32_t *cluster;
+    uint32_t *edges; // #edges by 2
+    size_t edge_count;
     double *masses;                      // per cluster
     double *moments;                     // per cluster, 3: sum of weighted positions
     uint32_t *sizes;                     // per cluster, vertices
@@ -183,13 +185,9 @@ static void exchange(clustering *c, size_t v, size_t from, size_t to, uint32_t p
 // One sweep over the edges between clusters; a vertex changes sides where that lowers the energy.
 // Clusters that rest since the last sweep are skipped. Returns the number of exchanges.
 static size_t sweep(clustering *c, uint32_t pass) {
-    const pci_halfedge *mesh = c->mesh;
     size_t exchanges = 0;
-    for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
-        if (!pci_is_edge(mesh, h)) {
-            continue;
-        }
-        const size_t a = pci_origin(mesh, h), b = pci_target(mesh, h);
+    for (size_t e = 0; e < c->edge_count; ++e) {
+        const size_t a = c->edges[2 * e], b = c->edges[2 * e + 1];
         const size_t ca = c->cluster[a], cb = c->cluster[b];
         if (ca == cb || (c->modified[ca] + 1 < pass && c->modified[cb] + 1 < pass)) {
             continue;
@@ -268,6 +266,21 @@ static size_t attach_orphans(clustering *c) {
     return orphans;
 }
 
+static bool list_edges(clustering *c) {
+    const pci_halfedge *mesh = c->mesh;
+    for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
+        c->edge_count += pci_is_edge(mesh, h);
+    }
+    uint32_t *next = c->edges = PCI_SCRATCH(c->scratch, uint32_t, 2 * c->edge_count);
+    for (uint32_t h = 0; next != NULL && h < 3 * mesh->triangle_count; ++h) {
+        if (pci_is_edge(mesh, h)) {
+            *next++ = pci_origin(mesh, h);
+            *next++ = pci_target(mesh, h);
+        }
+    }
+    return next != NULL;
+}
+
 static bool run(clustering *c, uint32_t first, uint32_t passes, uint64_t *iterations) {
     c->masses = PCI_SCRATCH(c->scratch, double, c->count);
     c->moments = PCI_SCRATCH(c->scratch, double, 3 * c->count);
@@ -277,7 +290,7 @@ static bool run(clustering *c, uint32_t first, uint32_t passes, uint64_t *iterat
     c->piece_masses = PCI_SCRATCH(c->scratch, double, c->mesh->vertex_count);
     c->queue = PCI_SCRATCH(c->scratch, uint32_t, c->mesh->vertex_count);
     c->heaviest = PCI_SCRATCH(c->scratch, uint32_t, c->count);
-    if (c->scratch->failed || !place_seeds(c, first)) {
+    if (c->scratch->failed || !list_edges(c) || !place_seeds(c, first)) {
         return false;
     }
     memcpy(c->origin, c->mesh->positions, sizeof(c->origin));

@@ -7,6 +7,7 @@
 #include "core/topology.h"
 #include "stages/hidden.h"
 #include "stages/loops.h"
+#include "stages/sewing.h"
 #include "stages/shells.h"
 
 enum { grain = 256, most_near = 512 };
@@ -19,6 +20,11 @@ static const double plain_share = 0.02;
 static const double most_lined_surplus = 0.05, least_folded_ratio = 0.5;
 // What lies in layers for the most part is wanted as one layer, however it was folded.
 static const double most_folded_share = 0.15;
+// What is worn over something else hangs at most so many voxels away from it; so much of the
+// garment must be near what is sewn together.
+static const double sewing_voxels = 4.0, least_covered = 0.99;
+// One in so many triangles tells which way a part faces.
+static const size_t facing_stride = 8;
 // Holes of a shorter way around are no openings, in voxels.
 static const double smallest_opening = 3.0;
 // Thicker shells are solids, in voxels.
@@ -120,9 +126,10 @@ static pci_layering classify(probe *p) {
     return balanced && back <= most_folded_share * area ? PCI_FOLDED : PCI_LAYERED;
 }
 
+// @param reach  at least this `share` of the vertices of `surface` must be so near to the layer
 static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
-                         const pc_mesh *layer, double thickness, double cell_size,
-                         pci_layering *layering) {
+                         const pc_mesh *layer, double thickness, double cell_size, double reach,
+                         double share, pci_layering *layering) {
     pc_context *context = scratch->context;
     pci_topology topology;
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
@@ -143,7 +150,7 @@ static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh 
         return status;
     }
     p.bvh = bvh;
-    cover_job cover = {bvh, surface, cell_size + thickness, missed};
+    cover_job cover = {bvh, surface, reach + thickness, missed};
     const bool done =
         pci_parallel_while_wanted(context, layer->triangle_count, grain, look_around, &p) &&
         pci_parallel_while_wanted(context, surface->vertex_count, grain, find_missed, &cover);
@@ -151,9 +158,13 @@ static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh 
     if (!done) {
         return pci_fail_memory(context, stage);
     }
+    size_t missed_count = 0;
+    for (size_t v = 0; v < surface->vertex_count; ++v) {
+        missed_count += missed[v];
+    }
     *layering = classify(&p);
-    for (size_t v = 0; v < surface->vertex_count && *layering != PCI_LAYERED; ++v) {
-        *layering = missed[v] ? PCI_LAYERED : *layering;
+    if ((double)missed_count > (1.0 - share) * (double)surface->vertex_count) {
+        *layering = PCI_LAYERED;
     }
     return PC_OK;
 }
@@ -169,20 +180,49 @@ pc_status pci_visual_cloth(pci_scratch *scratch, const char *stage, const pc_mes
     return status == PC_OK ? pci_drop_hidden(scratch, stage, cell_size, cloth) : status;
 }
 
-pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
-                           const pc_mesh *cloth, double thickness, double cell_size, bool always,
-                           pc_mesh *layer, pci_layering *layering, uint64_t *filled_loops) {
-    *layering = PCI_LAYERED;
+static pc_status begin_layer(pci_scratch *scratch, const char *stage, const pc_mesh *cloth,
+                             double cell_size, pc_mesh *layer, uint64_t *filled_loops) {
     if (!pci_mesh_compact(scratch, cloth, NULL, layer, NULL) ||
         !pci_fill_loops(scratch, layer, SIZE_MAX, smallest_opening * cell_size, filled_loops)) {
         pc_mesh_free(scratch->context, layer);
         return pci_fail_memory(scratch->context, stage);
     }
-    pc_status status = PC_OK;
-    if (layer->triangle_count > 0 && !always) {
-        status = measure(scratch, stage, surface, layer, thickness, cell_size, layering);
+    return PC_OK;
+}
+
+pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
+                           const pc_mesh *cloth, double thickness, double cell_size, bool always,
+                           pc_mesh *layer, pci_layering *layering, uint64_t *filled_loops) {
+    *layering = PCI_LAYERED;
+    pc_status status = begin_layer(scratch, stage, cloth, cell_size, layer, filled_loops);
+    if (status == PC_OK && layer->triangle_count > 0 && !always) {
+        status =
+            measure(scratch, stage, surface, layer, thickness, cell_size, cell_size, 1.0, layering);
     }
     if (status != PC_OK || (*layering == PCI_LAYERED && !always)) {
+        pc_mesh_free(scratch->context, layer);
+    }
+    return status;
+}
+
+pc_status pci_sewn_layer(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
+                         const pc_mesh *cloth, const pc_mesh *side, double thickness,
+                         double cell_size, pc_mesh *layer, uint64_t *filled_loops) {
+    const double reach = sewing_voxels * cell_size;
+    pci_layering layering = PCI_LAYERED;
+    bool sewn = false;
+    pc_status status = begin_layer(scratch, stage, cloth, cell_size, layer, filled_loops);
+    if (status == PC_OK && layer->triangle_count > 0) {
+        status = pci_face_like(scratch, stage, side, facing_stride, layer);
+    }
+    if (status == PC_OK && layer->triangle_count > 0) {
+        status = pci_sew_parts(scratch, stage, reach, layer, &sewn);
+    }
+    if (status == PC_OK && sewn) {
+        status = measure(scratch, stage, surface, layer, thickness, cell_size, reach, least_covered,
+                         &layering);
+    }
+    if (status != PC_OK || layering == PCI_LAYERED) {
         pc_mesh_free(scratch->context, layer);
     }
     return status;
@@ -193,24 +233,29 @@ pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mes
 typedef struct facing {
     const pci_bvh *bvh;
     const pc_mesh *reference, *layer;
+    size_t stride;
     double *votes; // #F of the layer
 } facing;
 
 static void compare_facing(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const facing *f = user;
+    uint32_t nearest = PC_INVALID_INDEX;
     for (size_t t = begin; t < end; ++t) {
+        if (t % f->stride != 0) {
+            continue;
+        }
         double middle[3], ours[3], theirs[3];
         pci_triangle_middle(f->layer, t, middle);
         pci_triangle_vector(f->layer, t, ours);
-        pci_triangle_vector(f->reference, pci_bvh_closest(f->bvh, middle, INFINITY).triangle,
-                            theirs);
+        nearest = pci_bvh_closest_near(f->bvh, middle, nearest).triangle;
+        pci_triangle_vector(f->reference, nearest, theirs);
         f->votes[t] = pci_normalize(theirs) ? pci_dot(ours, theirs) : 0.0;
     }
 }
 
 pc_status pci_face_like(pci_scratch *scratch, const char *stage, const pc_mesh *reference,
-                        pc_mesh *layer) {
+                        size_t stride, pc_mesh *layer) {
     pci_topology topology;
     pci_bvh *bvh = NULL;
     double *votes = PCI_SCRATCH(scratch, double, layer->triangle_count);
@@ -227,7 +272,7 @@ pc_status pci_face_like(pci_scratch *scratch, const char *stage, const pc_mesh *
     if (status != PC_OK) {
         return status;
     }
-    facing job = {bvh, reference, layer, votes};
+    facing job = {bvh, reference, layer, stride, votes};
     pci_parallel_for(scratch->context, layer->triangle_count, grain, compare_facing, &job);
     pci_bvh_destroy(scratch->context, bvh);
     for (size_t t = 0; t < layer->triangle_count; ++t) {

@@ -26,9 +26,19 @@ PC_NODISCARD pc_status pci_visual_layer(pci_scratch *scratch, const char *stage,
                                         pc_mesh *layer, pci_layering *layering,
                                         uint64_t *filled_loops);
 
-// Turns the components of `layer` over that face the other way than `reference`, by area.
+// The cloth with parts that are worn over each other sewn to one sheet (stages/sewing.h). `side`
+// tells what is outside. `layer` stays empty where there are none, where the result is layered or
+// is not near 99 % of the visual mesh.
+// PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
+PC_NODISCARD pc_status pci_sewn_layer(pci_scratch *scratch, const char *stage,
+                                      const pc_mesh *surface, const pc_mesh *cloth,
+                                      const pc_mesh *side, double thickness, double cell_size,
+                                      pc_mesh *layer, uint64_t *filled_loops);
+
+// Turns the components of `layer` over that face the other way than `reference`, by the area of one
+// in `stride` triangles.
 // PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY.
 PC_NODISCARD pc_status pci_face_like(pci_scratch *scratch, const char *stage,
-                                     const pc_mesh *reference, pc_mesh *layer);
+                                     const pc_mesh *reference, size_t stride, pc_mesh *layer);
 
 #endif

@@ -1,0 +1,130 @@
+// Garments that are worn over each other: what is cut away and what is sewn together.
+#include "support/test.h"
+
+#include "core/manifold.h"
+#include "stages/sewing.h"
+#include "support/manifold.h"
+#include "support/memory.h"
+#include "support/surfaces.h"
+
+static const double nowhere[3] = {0.0, 0.0, 0.0};
+
+// Trousers of one leg, 1 high, and a shirt around them, `gap` wider, from 0.85 to 2. `open`: the
+// shirt is buttoned up in front, where its edges meet nearly.
+static pc_mesh outfit(pc_context *context, double gap, bool open) {
+    pc_mesh leg = test_tube(context, 40, 12, 0.5, 1.0);
+    pc_mesh shirt = test_grid(context, 36, 14, !open, false);
+    for (size_t v = 0; v < shirt.vertex_count; ++v) {
+        double *p = &shirt.positions[3 * v];
+        const double angle = 2.0 * acos(-1.0) * (open ? 0.001 + 0.998 * p[0] : p[0]);
+        p[0] = (0.5 + gap) * cos(angle), p[1] = 0.85 + 1.15 * p[1];
+        p[2] = -(0.5 + gap) * sin(angle);
+    }
+    pc_mesh both = test_union(context, &leg, &shirt, nowhere);
+    pc_mesh_free(context, &leg);
+    pc_mesh_free(context, &shirt);
+    return both;
+}
+
+static bool sew(pc_context *context, pc_mesh *mesh, double reach, size_t *components,
+                size_t *loop_count) {
+    pci_scratch scratch = pci_scratch_begin(context);
+    pci_topology topology;
+    bool sewn = false;
+    size_t *offsets = NULL;
+    uint32_t *loops = NULL;
+    assert_ok(context, pci_sew_parts(&scratch, "test", reach, mesh, &sewn));
+    assert_true(pci_topology_build(&scratch, mesh, &topology));
+    assert_manifold(&scratch, mesh, &topology);
+    uint32_t *component = PCI_SCRATCH(&scratch, uint32_t, mesh->triangle_count);
+    assert_non_null(component);
+    *components = pci_triangle_components(&scratch, mesh, &topology, component);
+    assert_true(pci_boundary_loops(&scratch, mesh, &topology, loop_count, &offsets, &loops));
+    pci_scratch_end(&scratch);
+    return sewn;
+}
+
+static void sews_a_shirt_to_trousers(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    static const double gaps[] = {0.01, 0.05, 0.15};
+    const double turn = 2.0 * acos(-1.0);
+    for (int i = 0; i < 6; ++i) {
+        const double gap = gaps[i / 2];
+        pc_mesh mesh = outfit(context, gap, i % 2 == 1);
+        size_t components = 0, loops = 0;
+        assert_true(sew(context, &mesh, 0.2, &components, &loops));
+        assert_int_equal(components, 1);
+        assert_int_equal(loops, 2);
+        // The leg up to the hem or a row of triangles less, the shirt, and the seam.
+        const double least = turn * (0.5 * 0.75 + (0.5 + gap) * 1.15);
+        const double most = turn * (0.5 * 0.95 + (0.5 + gap) * 1.15 + 0.5 * (gap + 0.1));
+        const double area = pc_mesh_area(&mesh);
+        assert_true(area > 0.98 * least && area < 1.02 * most);
+        for (size_t v = 0; v < mesh.vertex_count; ++v) {
+            const double *p = &mesh.positions[3 * v];
+            assert_true(p[1] < 0.95 || hypot(p[0], p[2]) > 0.505);
+        }
+        pc_mesh_free(context, &mesh);
+    }
+    pc_context_destroy(context);
+}
+
+static void leaves_other_things_alone(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    const double beside[3] = {1.05, 0.0, 0.0};
+    pc_mesh leg = test_tube(context, 40, 12, 0.5, 1.0);
+    // A shirt that hangs too far away, two legs, a shirt whose back is outside.
+    pc_mesh meshes[] = {outfit(context, 0.3, false), test_union(context, &leg, &leg, beside),
+                        outfit(context, 0.05, false)};
+    for (size_t t = leg.triangle_count; t < meshes[2].triangle_count; ++t) {
+        const uint32_t second = meshes[2].triangles[3 * t + 1];
+        meshes[2].triangles[3 * t + 1] = meshes[2].triangles[3 * t + 2];
+        meshes[2].triangles[3 * t + 2] = second;
+    }
+    for (size_t i = 0; i < 3; ++i) {
+        const size_t triangles = meshes[i].triangle_count;
+        size_t components = 0, loops = 0;
+        assert_false(sew(context, &meshes[i], 0.2, &components, &loops));
+        assert_int_equal(meshes[i].triangle_count, triangles);
+        pc_mesh_free(context, &meshes[i]);
+    }
+    pc_mesh_free(context, &leg);
+    pc_context_destroy(context);
+}
+
+static void survives_a_lack_of_memory(void **state) {
+    (void)state;
+    counting_allocator counter = {0};
+    pc_context *context = counting_context(&counter);
+    const size_t live = counter.live;
+    pc_status status = PC_ERROR_OUT_OF_MEMORY;
+    size_t failures = 0;
+    for (; status != PC_OK; ++failures) {
+        counter.fail_at = 0;
+        pc_mesh mesh = outfit(context, 0.05, true);
+        bool sewn = false;
+        pci_scratch scratch = pci_scratch_begin(context);
+        counter.calls = 0;
+        counter.fail_at = failures + 1;
+        status = pci_sew_parts(&scratch, "test", 0.2, &mesh, &sewn);
+        assert_true(status == PC_OK || status == PC_ERROR_OUT_OF_MEMORY);
+        assert_true(sewn == (status == PC_OK));
+        pci_scratch_end(&scratch);
+        pc_mesh_free(context, &mesh);
+        assert_int_equal(counter.live, live);
+    }
+    assert_true(failures > 15);
+    pc_context_destroy(context);
+    assert_int_equal(counter.live, 0);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(sews_a_shirt_to_trousers),
+        cmocka_unit_test(leaves_other_things_alone),
+        cmocka_unit_test(survives_a_lack_of_memory),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -94,9 +94,20 @@ static void add_triangle(ball *b, const double corners[3][3]) {
     }
 }
 
-static int compare_u32(const void *left, const void *right) {
-    const uint32_t a = *(const uint32_t *)left, b = *(const uint32_t *)right;
-    return (a > b) - (a < b);
+// Shell's method: a list of some hundred numbers is sorted before qsort has copied it.
+static void sort_numbers(uint32_t *list, size_t count) {
+    static const size_t gaps[] = {701, 301, 132, 57, 23, 10, 4, 1};
+    for (size_t g = 0; g < sizeof(gaps) / sizeof(gaps[0]); ++g) {
+        const size_t gap = gaps[g];
+        for (size_t i = gap; i < count; ++i) {
+            const uint32_t number = list[i];
+            size_t at = i;
+            for (; at >= gap && list[at - gap] > number; at -= gap) {
+                list[at] = list[at - gap];
+            }
+            list[at] = number;
+        }
+    }
 }
 
 double pci_one_sided(const pci_bvh *bvh, const pc_mesh *mesh, const double point[3],
@@ -110,7 +121,7 @@ double pci_one_sided(const pci_bvh *bvh, const pc_mesh *mesh, const double point
     if (count > most_triangles) {
         return 0.0;
     }
-    qsort(triangles, count, sizeof(*triangles), compare_u32); // so that sums do not depend on it
+    sort_numbers(triangles, count); // so that sums do not depend on their order
     ball b = {.centre = {point[0], point[1], point[2]}, .radius = radius};
     for (size_t i = 0; i < count; ++i) {
         double corners[3][3];

@@ -354,6 +354,21 @@ static double distance2_to(const pc_mesh *mesh, uint32_t t, const double point[3
                                          corner(mesh, t, 2), barycentric);
 }
 
+bool pci_triangle_within(const pc_mesh *mesh, size_t t, const double point[3], double radius) {
+    const double *corners[3] = {corner(mesh, t, 0), corner(mesh, t, 1), corner(mesh, t, 2)};
+    for (size_t k = 0; k < 3; ++k) {
+        const double a = corners[0][k] - point[k], b = corners[1][k] - point[k],
+                     c = corners[2][k] - point[k];
+        if ((a > radius && b > radius && c > radius) ||
+            (a < -radius && b < -radius && c < -radius)) {
+            return false;
+        }
+    }
+    double barycentric[3];
+    return sqrt(pci_triangle_squared_distance(point, corners[0], corners[1], corners[2],
+                                              barycentric)) <= radius;
+}
+
 typedef struct closest_query {
     const pci_bvh *bvh;
     const double *point;

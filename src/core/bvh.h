@@ -16,9 +16,9 @@ PC_NODISCARD pc_status pci_bvh_create(pc_context *context, const char *stage, co
                                       pci_bvh **bvh);
 void pci_bvh_destroy(pc_context *context, pci_bvh *bvh); // NULL is accepted
 
-// From now on one tree of this mesh, built when it is first needed, serves all that create one of it
-// or of a mesh with the same triangles in the same order, until this is called with another mesh or
-// NULL. Between the calls the mesh must stay alive and unchanged.
+// From now on one tree of this mesh, built when it is first needed, serves all that create one of
+// it or of a mesh with the same triangles in the same order, until this is called with another mesh
+// or NULL. Between the calls the mesh must stay alive and unchanged.
 void pci_bvh_share(pc_context *context, const pc_mesh *mesh);
 bool pci_bvh_shares(const pc_context *context); // whether there is such a mesh
 
@@ -82,5 +82,8 @@ pci_hit pci_bvh_cast(const pci_bvh *bvh, const double origin[3], const double di
 // Closest point of one triangle, exact in double; also for degenerate triangles.
 double pci_triangle_squared_distance(const double point[3], const double a[3], const double b[3],
                                      const double c[3], double barycentric[3]);
+
+// Whether triangle t comes within `radius` of a point: for a few points, a tree is not worth while.
+bool pci_triangle_within(const pc_mesh *mesh, size_t t, const double point[3], double radius);
 
 #endif

@@ -45,6 +45,13 @@ static void add_side(figure *f, double radius, const double a[2], const double b
     if (!(length2 > 0.0)) {
         return;
     }
+    // Most sides are inside as a whole: with some room, so that rounding leaves no doubt.
+    const double inside = (1.0 - 1e-9) * radius * radius;
+    if (a[0] * a[0] + a[1] * a[1] < inside && b[0] * b[0] + b[1] * b[1] < inside) {
+        const double end[2] = {a[0] + d[0], a[1] + d[1]};
+        add_wedge(f, a, end);
+        return;
+    }
     // The side is inside for parameters from `enter` to `leave`.
     const double middle = -(a[0] * d[0] + a[1] * d[1]) / length2;
     const double cross = a[0] * d[1] - a[1] * d[0];
@@ -85,8 +92,9 @@ static void add_triangle(ball *b, const double corners[3][3]) {
         flat[k][0] = pci_dot(from, u), flat[k][1] = pci_dot(from, v);
     }
     figure f = {0};
+    const double radius = sqrt(square);
     for (size_t k = 0; k < 3; ++k) {
-        add_side(&f, sqrt(square), flat[k], flat[(k + 1) % 3]);
+        add_side(&f, radius, flat[k], flat[(k + 1) % 3]);
     }
     b->area += f.area;
     for (size_t k = 0; k < 3; ++k) {
@@ -94,9 +102,20 @@ static void add_triangle(ball *b, const double corners[3][3]) {
     }
 }
 
-static int compare_u32(const void *left, const void *right) {
-    const uint32_t a = *(const uint32_t *)left, b = *(const uint32_t *)right;
-    return (a > b) - (a < b);
+// Shell's method: a list of some hundred numbers is sorted before qsort has copied it.
+static void sort_numbers(uint32_t *list, size_t count) {
+    static const size_t gaps[] = {701, 301, 132, 57, 23, 10, 4, 1};
+    for (size_t g = 0; g < sizeof(gaps) / sizeof(gaps[0]); ++g) {
+        const size_t gap = gaps[g];
+        for (size_t i = gap; i < count; ++i) {
+            const uint32_t number = list[i];
+            size_t at = i;
+            for (; at >= gap && list[at - gap] > number; at -= gap) {
+                list[at] = list[at - gap];
+            }
+            list[at] = number;
+        }
+    }
 }
 
 double pci_one_sided(const pci_bvh *bvh, const pc_mesh *mesh, const double point[3],
@@ -110,7 +129,7 @@ double pci_one_sided(const pci_bvh *bvh, const pc_mesh *mesh, const double point
     if (count > most_triangles) {
         return 0.0;
     }
-    qsort(triangles, count, sizeof(*triangles), compare_u32); // so that sums do not depend on it
+    sort_numbers(triangles, count); // so that sums do not depend on their order
     ball b = {.centre = {point[0], point[1], point[2]}, .radius = radius};
     for (size_t i = 0; i < count; ++i) {
         double corners[3][3];

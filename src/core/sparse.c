@@ -466,6 +466,22 @@ static void solve_upper(const pci_cholesky *c, size_t columns, double *x, double
     }
 }
 
+enum { TOGETHER = 8 }; // right-hand sides that share a pass over the factor
+
+typedef struct solve_job {
+    const pci_cholesky *cholesky;
+    double *x;     // one array of #size per right-hand side
+    double *local; // most_rows per right-hand side
+} solve_job;
+
+static void solve_columns(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const solve_job *job = user;
+    const pci_cholesky *c = job->cholesky;
+    solve_lower(c, end - begin, &job->x[c->size * begin], &job->local[c->most_rows * begin]);
+    solve_upper(c, end - begin, &job->x[c->size * begin], &job->local[c->most_rows * begin]);
+}
+
 pc_status pci_cholesky_solve(pc_context *context, const pci_cholesky *cholesky, size_t columns,
                              const double *b, double *x) {
     const size_t n = cholesky->size;
@@ -481,8 +497,8 @@ pc_status pci_cholesky_solve(pc_context *context, const pci_cholesky *cholesky, 
             permuted[q * n + k] = b[cholesky->order[k] * columns + q];
         }
     }
-    solve_lower(cholesky, columns, permuted, local);
-    solve_upper(cholesky, columns, permuted, local);
+    solve_job job = {.cholesky = cholesky, .x = permuted, .local = local};
+    pci_parallel_for(context, columns, TOGETHER, solve_columns, &job);
     for (size_t k = 0; k < n; ++k) {
         for (size_t q = 0; q < columns; ++q) {
             x[cholesky->order[k] * columns + q] = permuted[q * n + k];

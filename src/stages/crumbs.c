@@ -70,6 +70,36 @@ static bool find_strangers(const sorting *s, size_t visual_count, uint8_t *stran
     return true;
 }
 
+// Whether a point is farther than `reach` from the large parts.
+static bool is_distant(const sorting *s, const double point[3], double reach) {
+    for (size_t t = 0; t < s->layer->triangle_count; ++t) {
+        if (!s->small[s->part[t]] && pci_triangle_within(s->layer, t, point, reach)) {
+            return false;
+        }
+    }
+    return true;
+}
+
+// Marks strangers by the first vertex of each, for a few of them. Returns whether others are left.
+static bool leaves_strangers(const sorting *s, double reach, const uint8_t *stranger,
+                             uint8_t *distant) {
+    enum { few = 32 };
+    size_t asked = 0, left = 0, part = 0; // parts are numbered by their first triangles
+    for (size_t t = 0; t < s->layer->triangle_count && part < s->part_count; ++t) {
+        if (s->part[t] != part) {
+            continue;
+        }
+        if (stranger[part]) {
+            const uint32_t first = s->layer->triangles[3 * t];
+            distant[part] =
+                asked++ < few && is_distant(s, &s->layer->positions[3 * (size_t)first], reach);
+            left += !distant[part];
+        }
+        ++part;
+    }
+    return left > 0;
+}
+
 // Marks the strangers with a vertex farther than `reach` from the large parts.
 static pc_status find_distant(const sorting *s, double reach, const uint8_t *stranger,
                               uint8_t *distant) {
@@ -156,7 +186,7 @@ pc_status pci_drop_crumbs(pci_scratch *scratch, const char *stage, const pc_mesh
     if (!find_strangers(&s, visual_count, stranger)) {
         return pci_fail_memory(context, stage);
     }
-    if (memchr(stranger, 1, s.part_count) != NULL) {
+    if (leaves_strangers(&s, reach, stranger, distant)) {
         const pc_status status = find_distant(&s, reach, stranger, distant);
         if (status != PC_OK) {
             return status;

@@ -87,24 +87,6 @@ static bool list_parts(hiding *h) {
 
 // ---- a few vertices -----------------------------------------------------------------------------
 
-// Whether a triangle comes within `reach` of a point.
-static bool is_near(const pc_mesh *mesh, size_t t, const double point[3], double reach) {
-    const double *corner[3];
-    for (size_t c = 0; c < 3; ++c) {
-        corner[c] = &mesh->positions[3 * (size_t)mesh->triangles[3 * t + c]];
-    }
-    for (size_t k = 0; k < 3; ++k) {
-        const double a = corner[0][k] - point[k], b = corner[1][k] - point[k],
-                     c = corner[2][k] - point[k];
-        if ((a > reach && b > reach && c > reach) || (a < -reach && b < -reach && c < -reach)) {
-            return false;
-        }
-    }
-    double barycentric[3];
-    return sqrt(pci_triangle_squared_distance(point, corner[0], corner[1], corner[2],
-                                              barycentric)) <= reach;
-}
-
 // Whether one of a few vertices of a component is within reach of none of those that stay.
 static bool shows_at_once(const hiding *h, uint32_t rank) {
     const size_t first = h->offsets[rank], count = h->offsets[rank + 1] - first;
@@ -115,7 +97,7 @@ static bool shows_at_once(const hiding *h, uint32_t rank) {
         for (uint32_t other = 0; other < h->large_count && !near; ++other) {
             const size_t end = (h->stays >> other & 1) != 0 ? h->offsets[other + 1] : 0;
             for (size_t k = h->offsets[other]; k < end && !near; ++k) {
-                near = is_near(h->mesh, h->order[k], point, h->reach);
+                near = pci_triangle_within(h->mesh, h->order[k], point, h->reach);
             }
         }
         if (!near) {

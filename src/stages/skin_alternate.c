@@ -131,58 +131,82 @@ typedef struct row_job {
     double factor;
 } row_job;
 
-// Adds `factor` times those of other weights that belong to numbered bones.
-static void add_numbered(const uint8_t *numbers, double factor, size_t count, const uint32_t *bones,
-                         const double *weights, double *row) {
+// Adds `factor` times a row of weights to the bones it names; or sets those to 0.
+static inline void pull_bones(double factor, size_t count, const uint32_t *bones,
+                              const double *weights, double *pulls) {
     for (size_t k = 0; k < count; ++k) {
-        if (numbers[bones[k]] > 0) {
-            row[numbers[bones[k]] - 1] += factor * weights[k];
-        }
+        pulls[bones[k]] += factor * weights[k];
     }
 }
 
-// The gradient of the noise in all terms but L_f.
+static inline void clear_bones(size_t count, const uint32_t *bones, double *pulls) {
+    for (size_t k = 0; k < count; ++k) {
+        pulls[bones[k]] = 0.0;
+    }
+}
+
+// Adds the gradient of the noise in all terms but L_f.
 static void resist_noise(const pci_skin_alternation *a, double noise, const double *weights,
-                         size_t v, uint8_t *numbers, double *gradient) {
+                         size_t v, double *pulls, double *gradient) {
     const pci_skin_quadratic *q = &a->quadratic;
     const size_t slots = q->slots, followed = a->followed->influences;
-    for (size_t k = 0; k < slots; ++k) {
-        numbers[q->bones[v * slots + k]] = (uint8_t)(k + 1);
-    }
-    for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
+    const size_t begin = q->offsets[v], end = q->offsets[v + 1];
+    for (size_t e = begin; e < end; ++e) {
         const size_t j = q->columns[e];
         const double m = noise * ((double)q->values[e] - (j == v ? 2.0 * a->follow[v] : 0.0));
-        add_numbered(numbers, m, slots, &q->bones[j * slots], &weights[j * slots], gradient);
-        add_numbered(numbers, -followed_share * m, followed, &a->followed->bones[j * followed],
-                     &a->followed->weights[j * followed], gradient);
+        pull_bones(m, slots, &q->bones[j * slots], &weights[j * slots], pulls);
+        pull_bones(-followed_share * m, followed, &a->followed->bones[j * followed],
+                   &a->followed->weights[j * followed], pulls);
     }
     for (size_t k = 0; k < slots; ++k) {
-        numbers[q->bones[v * slots + k]] = 0;
+        gradient[k] += pulls[q->bones[v * slots + k]];
+    }
+    for (size_t e = begin; e < end; ++e) {
+        const size_t j = q->columns[e];
+        clear_bones(slots, &q->bones[j * slots], pulls);
+        clear_bones(followed, &a->followed->bones[j * followed], pulls);
     }
 }
 
-// The gradient of the losses, of the noise, and of L_f: 2 (G w - G b).
+// Adds that of L_f: 2 (G w - G b). `columns` are those of the driver, known where this is compiled.
+static inline __attribute__((always_inline)) void follow(const pci_skin_alternation *a,
+                                                         size_t level, const double *weights,
+                                                         size_t v, const size_t columns,
+                                                         double *gradient) {
+    const pci_skin_problem *p = a->frames.problem;
+    const size_t slots = p->slots;
+    const uint32_t *bones = &p->bones[v * slots];
+    const double *w = &weights[v * slots], *point = &a->frames.points[v * columns];
+    for (size_t k = 0; k < slots; ++k) {
+        double sum = -(double)a->targets[level][v * slots + k];
+        for (size_t l = 0; l < slots; ++l) {
+            sum += w[l] * pci_skin_gram_product(a->grams[level].matrix, p->proxy_count, columns,
+                                                bones[k], bones[l], point, point);
+        }
+        gradient[k] += 2.0 * a->follow[v] * sum;
+    }
+}
+
+// What is not from the frames.
 static void finish_gradient(void *user, size_t begin, size_t end, uint32_t worker) {
     const row_job *job = user;
     pci_skin_alternation *a = job->a;
-    const pci_skin_problem *p = a->frames.problem;
-    const size_t slots = p->slots, columns = a->frames.data.columns;
+    const size_t slots = a->frames.problem->slots;
+    const double noise = a->grams[job->level].noise;
     for (size_t v = begin; v < end; ++v) {
-        const uint32_t *bones = &p->bones[v * slots];
-        const double *w = &job->weights[v * slots], *point = &a->frames.points[v * columns];
         double gradient[PCI_SKIN_SLOTS_MAX];
         pci_skin_frames_row(&a->frames, v, gradient);
-        if (a->grams[job->level].noise > 0.0) {
-            resist_noise(a, a->grams[job->level].noise, job->weights, v,
-                         &a->numbers[worker * p->proxy_count], gradient);
+        if (noise > 0.0) {
+            resist_noise(a, noise, job->weights, v,
+                         &a->pulls[worker * a->frames.problem->proxy_count], gradient);
+        }
+        if (a->frames.data.columns == 1) {
+            follow(a, job->level, job->weights, v, 1, gradient);
+        } else {
+            follow(a, job->level, job->weights, v, PCI_SKIN_COLUMNS_MAX, gradient);
         }
         for (size_t k = 0; k < slots; ++k) {
-            double sum = -(double)a->targets[job->level][v * slots + k];
-            for (size_t l = 0; l < slots; ++l) {
-                sum += w[l] * pci_skin_gram_product(a->grams[job->level].matrix, p->proxy_count,
-                                                    columns, bones[k], bones[l], point, point);
-            }
-            a->gradient[v * slots + k] = (float)(gradient[k] + 2.0 * a->follow[v] * sum);
+            a->gradient[v * slots + k] = (float)gradient[k];
         }
     }
 }
@@ -274,8 +298,8 @@ bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *pr
     a->moved = PCI_SCRATCH(scratch, float, count);
     a->follow = PCI_SCRATCH(scratch, double, nv);
     a->allowed = PCI_SCRATCH(scratch, uint32_t, nv);
-    a->numbers =
-        PCI_SCRATCH(scratch, uint8_t, problem->proxy_count * pc_context_threads(scratch->context));
+    a->pulls =
+        PCI_SCRATCH(scratch, double, problem->proxy_count *pc_context_threads(scratch->context));
     if (scratch->failed ||
         !pci_skin_frames_build_sequential(scratch, problem, kernel, &a->frames)) {
         return false;

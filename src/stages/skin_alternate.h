@@ -39,7 +39,7 @@ typedef struct pci_skin_alternation {
     uint32_t *allowed;               // #V, see pci_skin_quadratic
     double *follow;                  // #V: factor of L_f
     const pc_skin *followed;         // b of L_f
-    uint8_t *numbers;                // #threads by #P: 1 + slot of a row, or 0
+    double *pulls;                   // #threads by #P, 0 but while a row is in hand
     double spacing;                  // of the proxy's vertices, squared
     float *gradient, *last_gradient; // #V by slots
     float *moved;                    // #V by slots: since the gradient was found

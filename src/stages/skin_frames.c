@@ -28,7 +28,7 @@ double pci_skin_get(const pci_skin_kernel *kernel, const void *array, size_t ind
 
 // ---- patches ------------------------------------------------------------------------------------
 
-enum { PATCH = 128 }; // vertices; what a patch needs of one block stays in the second-level cache
+enum { PATCH = 256 }; // vertices; what a patch needs of one block stays in the second-level cache
 
 // Edges of all patches while they are made; those of a vertex go to `next`.
 typedef struct edge_builder {
@@ -272,7 +272,6 @@ static bool build_patches(pci_scratch *scratch, pci_skin_frames *w) {
     for (size_t i = 0; i < threads && w->buffers != NULL; ++i) {
         w->buffers[i].displacements = pci_skin_reals(scratch, w->kernel, 3 * PCI_BLOCK * most);
         w->buffers[i].forces = pci_skin_reals(scratch, w->kernel, 3 * PCI_BLOCK * most);
-        w->buffers[i].quaternions = pci_skin_reals(scratch, w->kernel, 4 * PCI_BLOCK * PATCH);
     }
     return !scratch->failed && build_shares(scratch, vertices, w);
 }
@@ -334,7 +333,8 @@ void pci_skin_frames_begin(pc_context *context, const pci_skin_problem *problem,
     w->problem = problem;
     w->kernel = kernel;
     const double diagonal = pci_skin_extent(problem, w->origin);
-    w->unit = kernel->real_size == sizeof(float) && diagonal > 0.0 ? 1.0 / diagonal : 1.0;
+    // In float edges are of about length 1: the kernel works with powers of them.
+    w->unit = kernel->real_size == sizeof(float) && diagonal > 0.0 ? 128.0 / diagonal : 1.0;
     w->data.columns = pci_skin_columns(problem);
 }
 
@@ -407,7 +407,7 @@ static void evaluate_patches(void *user, size_t begin, size_t end, uint32_t work
         for (size_t b = job->begin; b < job->end; b += job->stride) {
             pci_skin_sums *sums = job->sums != NULL ? &job->sums[i * w->block_count + b] : NULL;
             w->kernel->evaluate(&w->data, &w->patches[i], w->drivers + b * w->driver_size,
-                                &w->buffers[worker], b == job->begin, sums, gradient);
+                                &w->buffers[worker], sums, gradient);
         }
     }
 }
@@ -425,9 +425,14 @@ bool pci_skin_frames_evaluate(pci_skin_frames *w, size_t begin, size_t end, size
 void pci_skin_frames_row(const pci_skin_frames *w, size_t vertex, double *row) {
     const size_t slots = w->problem->slots;
     memset(row, 0, slots * sizeof(*row));
+    const bool single = w->kernel->real_size == sizeof(float);
     for (size_t s = w->share_offsets[vertex]; s < w->share_offsets[vertex + 1]; ++s) {
-        for (size_t k = 0; k < slots; ++k) {
-            row[k] += pci_skin_get(w->kernel, w->partial, w->shares[s] * slots + k);
+        const size_t first = w->shares[s] * slots;
+        for (size_t k = 0; k < slots && single; ++k) {
+            row[k] += (double)((const float *)w->partial)[first + k];
+        }
+        for (size_t k = 0; k < slots && !single; ++k) {
+            row[k] += ((const double *)w->partial)[first + k];
         }
     }
 }

@@ -60,7 +60,6 @@ typedef struct pci_skin_data {
 typedef struct pci_skin_buffers {
     void *displacements; // real, #local by 3 by PCI_BLOCK: u
     void *forces;        // real, #local by 3 by PCI_BLOCK: half of dE/du
-    void *quaternions;   // real, #own by 4 by PCI_BLOCK: rotations of L_r; in: first guess
 } pci_skin_buffers;
 
 // Counts and sums over a patch, per frame of the block.
@@ -88,12 +87,11 @@ typedef struct pci_skin_kernel {
     // numbers[i] of `gram`.
     void (*multiply_rows)(const pci_skin_rows *rows, size_t count, const uint32_t *numbers,
                           float *sum, float *products);
-    // `driver`: real, #P by columns by 3 by PCI_BLOCK, see skin_driver.h. `first`: there are no
-    // rotations of the block before in the buffers. `sums`: added to, or NULL. `gradient`: real,
-    // #local by slots, dL/dw is added with the weights taken as free; or NULL.
+    // `driver`: real, #P by columns by 3 by PCI_BLOCK, see skin_driver.h. `sums`: added to, or
+    // NULL. `gradient`: real, #local by slots, dL/dw is added with the weights taken as free; or
+    // NULL.
     void (*evaluate)(const pci_skin_data *data, const pci_skin_patch *patch, const void *driver,
-                     const pci_skin_buffers *buffers, bool first, pci_skin_sums *sums,
-                     void *gradient);
+                     const pci_skin_buffers *buffers, pci_skin_sums *sums, void *gradient);
 } pci_skin_kernel;
 
 // The kernels of the best instruction set of this processor.

@@ -5,8 +5,10 @@
 //   ANY(mask)  whether any bit is set
 //   NAME(x)  name of x for this type
 //   ROWS     what skin_rows.inl made for this instruction set
-//   ROOT_BITS, ROOT_STEPS, LENGTH_TOLERANCE  see NAME(inverse_root)
-//   STEP_TOLERANCE, CURVATURE_TOLERANCE  see NAME(fit_rotation)
+//   ROOT(x)  square roots of a register, or EACH_ROOT, that of a number
+//   LENGTH_TOLERANCE  see NAME(inverse_root)
+//   STEP_TOLERANCE, CURVATURE_TOLERANCE  see NAME(search_rotation)
+//   ROOT_TOLERANCE  see NAME(fit_rotation)
 // Vector types, loads and stores go through pointers to REAL, which are aligned to a register.
 
 typedef REAL NAME(vec) __attribute__((vector_size(LANES * sizeof(REAL)), may_alias));
@@ -29,6 +31,16 @@ static inline __attribute__((always_inline)) void NAME(store)(REAL *p, const VEC
         NAME(store)((p), &stored_);                                                                \
     } while (0)
 #define SELECT(mask, yes, no) ((VEC)(((mask) & (MASK)(yes)) | (~(mask) & (MASK)(no))))
+
+#ifdef EACH_ROOT
+static inline __attribute__((always_inline)) VEC NAME(root)(VEC x) {
+    for (size_t l = 0; l < LANES; ++l) {
+        x[l] = EACH_ROOT(x[l]);
+    }
+    return x;
+}
+#define ROOT(x) NAME(root)(x)
+#endif
 
 // Row-major rotation matrix of a unit quaternion, minus the identity.
 static inline __attribute__((always_inline)) void NAME(turn)(const VEC q[4], VEC r[9]) {
@@ -79,6 +91,10 @@ static inline __attribute__((always_inline)) VEC NAME(absolute)(VEC x) {
     return SELECT(x < 0, -x, x);
 }
 
+static inline __attribute__((always_inline)) VEC NAME(inverse_root)(VEC x) {
+    return (REAL)1 / ROOT(x + (REAL)LENGTH_TOLERANCE);
+}
+
 // The rotation R = I + r that maximises tr(R^T S), in place of the first guess q, a unit
 // quaternion.
 //
@@ -88,9 +104,9 @@ static inline __attribute__((always_inline)) VEC NAME(absolute)(VEC x) {
 // of a third derivative there, the error after a step is of the order of its third power. Where H
 // is not definite it is made so for one step uphill. Lanes that end on a saddle or do not converge
 // are solved by Jacobi rotations. S is scaled to about 1.
-static inline __attribute__((always_inline)) void NAME(fit_rotation)(const VEC s[9], VEC q[4],
-                                                                     VEC r[9]) {
-    MASK running = (MASK){0} == 0, failed = (MASK){0};
+static __attribute__((noinline)) void NAME(search_rotation)(const VEC s[9], MASK running, VEC q[4],
+                                                            VEC r[9]) {
+    MASK failed = (MASK){0};
     for (int step = 0; step < 16; ++step) {
         VEC p[9], w[3];
         NAME(turn)(q, r);
@@ -144,12 +160,136 @@ static inline __attribute__((always_inline)) void NAME(fit_rotation)(const VEC s
     NAME(turn)(q, r);
 }
 
+// Searches the failed lanes from the identity: R - I times `factor`.
+static __attribute__((noinline)) void NAME(search_lanes)(const VEC s[9], const MASK *failed,
+                                                         REAL factor, VEC turn[9]) {
+    VEC scaled[9], q[4] = {{0}}, r[9], squares = {0};
+    for (size_t k = 0; k < 9; ++k) {
+        squares += s[k] * s[k];
+    }
+    for (size_t k = 0; k < 9; ++k) {
+        scaled[k] = s[k] * NAME(inverse_root)(squares);
+    }
+    q[0] += (REAL)1;
+    NAME(search_rotation)(scaled, *failed, q, r);
+    for (size_t k = 0; k < 9; ++k) {
+        turn[k] = SELECT(*failed, factor * r[k], turn[k]);
+    }
+}
+
+// What tells the largest sum of singular values.
+typedef struct NAME(spectrum) {
+    VEC squares, minors_4, det_2; // |S|^2, 4 |cof S|^2, 2 det S
+    VEC most, square, z_2, f_4;   // m, m^2, 2 z, 4 f
+} NAME(spectrum);
+
+static inline __attribute__((always_inline)) void NAME(cofactors)(const VEC s[9], VEC c[9]) {
+    c[0] = s[4] * s[8] - s[5] * s[7], c[1] = s[5] * s[6] - s[3] * s[8];
+    c[2] = s[3] * s[7] - s[4] * s[6], c[3] = s[2] * s[7] - s[1] * s[8];
+    c[4] = s[0] * s[8] - s[2] * s[6], c[5] = s[1] * s[6] - s[0] * s[7];
+    c[6] = s[1] * s[5] - s[2] * s[4], c[7] = s[2] * s[3] - s[0] * s[5];
+    c[8] = s[0] * s[4] - s[1] * s[3];
+}
+
+static inline __attribute__((always_inline)) VEC NAME(product)(const VEC *x, const VEC *y) {
+    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2];
+}
+
+// One step of Halley's method in the lanes that run. Returns those that have to go on.
+static inline __attribute__((always_inline)) MASK NAME(step_root)(NAME(spectrum) * p,
+                                                                  MASK running) {
+    const VEC z_4 = p->z_2 + p->z_2, k_2 = p->square - p->squares;
+    const VEC change =
+        p->f_4 * z_4 / (z_4 * (z_4 + z_4) - p->f_4 * (k_2 + (p->square + p->square)));
+    const MASK far = ~(change * change * p->most < (REAL)ROOT_TOLERANCE * z_4);
+    const VEC det_4 = p->det_2 + p->det_2;
+    p->most = SELECT(running, p->most - change, p->most);
+    p->square = p->most * p->most;
+    const VEC k = p->square - p->squares;
+    p->z_2 = k * p->most - p->det_2;
+    p->f_4 = k * k - p->minors_4 - (det_4 + det_4) * p->most;
+    return running & far;
+}
+
+// `factor` times R - I for the rotations R that maximise tr(R^T S).
+//
+// Markley, "Attitude determination using vector observations: a fast optimal matrix algorithm",
+// 1993. The maximum m is the sum of the singular values, with the sign of det S on the least. With
+// 2 k = m^2 - |S|^2 and z = k m - det S it is the largest root of
+// f = k^2 - 2 m det S - |cof S|^2, and
+//   R = ((k + |S|^2) S + m cof S - S S^T S) / z.
+// All four roots are real and f' = 2 z, so a root with z > 0 is the first or the third; and
+// 3 m^2 >= |S|^2 for the first, <= for the third, which tell them apart. z is the product of the
+// sums of two singular values each. Where it is small R is hardly determined; such lanes, and those
+// that do not converge, are searched for.
+//
+// Two at a time, side by side: each is a long chain of operations that wait for one another.
+static inline __attribute__((always_inline)) void
+NAME(fit_rotations)(VEC s[2][9], const REAL factor[2], VEC turn[2][9]) {
+    VEC c[2][9], b[2][6];
+    NAME(spectrum) p[2];
+    MASK failed[2];
+    for (size_t t = 0; t < 2; ++t) {
+        NAME(cofactors)(s[t], c[t]);
+    }
+    for (size_t t = 0; t < 2; ++t) { // S S^T
+        b[t][0] = NAME(product)(&s[t][0], &s[t][0]), b[t][1] = NAME(product)(&s[t][0], &s[t][3]);
+        b[t][2] = NAME(product)(&s[t][0], &s[t][6]), b[t][3] = NAME(product)(&s[t][3], &s[t][3]);
+        b[t][4] = NAME(product)(&s[t][3], &s[t][6]), b[t][5] = NAME(product)(&s[t][6], &s[t][6]);
+    }
+    for (size_t t = 0; t < 2; ++t) { // exact where det S = 0
+        const VEC det = NAME(product)(&s[t][0], &c[t][0]);
+        p[t].det_2 = det + det;
+        p[t].squares = b[t][0] + b[t][3] + b[t][5];
+        p[t].minors_4 =
+            (REAL)4 * (NAME(product)(&c[t][0], &c[t][0]) + NAME(product)(&c[t][3], &c[t][3]) +
+                       NAME(product)(&c[t][6], &c[t][6]));
+    }
+    for (size_t t = 0; t < 2; ++t) {
+        const VEC k_2 = ROOT(p[t].minors_4), det_4 = p[t].det_2 + p[t].det_2;
+        p[t].square = p[t].squares + k_2;
+        p[t].most = ROOT(p[t].square);
+        p[t].z_2 = k_2 * p[t].most - p[t].det_2;
+        p[t].f_4 = -(det_4 + det_4) * p[t].most;
+    }
+    failed[0] = failed[1] = (MASK){0} == 0;
+    for (int step = 0; step < 8; ++step) {
+        failed[0] = NAME(step_root)(&p[0], failed[0]);
+        failed[1] = NAME(step_root)(&p[1], failed[1]);
+        const MASK any = failed[0] | failed[1];
+        if (!ANY(any)) {
+            break;
+        }
+    }
+    for (size_t t = 0; t < 2; ++t) {
+        failed[t] |= ~(p[t].z_2 > (REAL)0.02 * (p[t].square * p[t].most)) |
+                     ~((REAL)3 * p[t].square > p[t].squares);
+    }
+    for (size_t t = 0; t < 2; ++t) {
+        const VEC share = ((REAL)2 * factor[t]) / p[t].z_2, share_c = share * p[t].most;
+        const VEC own = (REAL)0.5 * (p[t].squares + p[t].square);
+        const VEC a[6] = {share * (own - b[t][0]), share * b[t][1], share * b[t][2],
+                          share * (own - b[t][3]), share * b[t][4], share * (own - b[t][5])};
+        for (size_t j = 0; j < 3; ++j) {
+            const VEC x = s[t][j], y = s[t][3 + j], z = s[t][6 + j];
+            turn[t][j] = (a[0] * x + share_c * c[t][j]) - (a[1] * y + a[2] * z);
+            turn[t][3 + j] = (a[3] * y + share_c * c[t][3 + j]) - (a[1] * x + a[4] * z);
+            turn[t][6 + j] = (a[5] * z + share_c * c[t][6 + j]) - (a[2] * x + a[4] * y);
+        }
+        turn[t][0] -= factor[t], turn[t][4] -= factor[t], turn[t][8] -= factor[t];
+    }
+    const MASK any = failed[0] | failed[1];
+    if (ANY(any)) {
+        for (size_t t = 0; t < 2; ++t) {
+            NAME(search_lanes)(s[t], &failed[t], factor[t], turn[t]);
+        }
+    }
+}
+
 // Displacements u of the vertices; `columns` is that of the data, known where this is compiled.
-static inline __attribute__((always_inline)) void NAME(displace)(const pci_skin_data *data,
-                                                                 const pci_skin_patch *patch,
-                                                                 const REAL *driver,
-                                                                 const size_t columns,
-                                                                 REAL *displacements) {
+static inline __attribute__((always_inline)) void
+NAME(displace)(const pci_skin_data *data, const pci_skin_patch *patch, const REAL *driver,
+               const size_t columns, REAL *displacements) {
     const REAL *weights = data->weights, *points = data->points;
     for (size_t v = 0; v < patch->local_count; ++v) {
         const uint32_t *bones = &data->bones[(size_t)patch->vertices[v] * data->slots];
@@ -209,7 +349,7 @@ static inline __attribute__((always_inline)) void NAME(gather)(const NAME(vertex
     }
 }
 
-// Of both terms: S scaled to about 1, L_a's a; and, if asked for, sums of |x|^2.
+// Of both terms: S, L_a's a; and, if asked for, sums of |x|^2.
 static inline __attribute__((always_inline)) void NAME(gather_all)(const NAME(vertex) * v,
                                                                    VEC ring[9], VEC near[9],
                                                                    VEC attached[3],
@@ -234,8 +374,6 @@ static inline __attribute__((always_inline)) void NAME(gather_all)(const NAME(ve
     for (size_t k = 0; k < 9; ++k) {
         ring[k] += both[k] + v->constants[PCI_SKIN_RING + entry[k]];
         near[k] += both[k] + v->constants[PCI_SKIN_NEAR + entry[k]];
-        ring[k] *= v->constants[PCI_SKIN_RING + 6];
-        near[k] *= v->constants[PCI_SKIN_NEAR + 6];
     }
     if (squares != NULL) {
         squares[0] += shared;
@@ -243,14 +381,26 @@ static inline __attribute__((always_inline)) void NAME(gather_all)(const NAME(ve
     }
 }
 
-// Sum of squared residuals: sum |x|^2 - 2 tr((R - I)^T S).
+// Sum of squared residuals: sum s |x|^2 - 2 tr(r^T S), r = R - I. Rounding leaves
+// E = R^T R - I = r + r^T + r^T r, whose share in it is taken away: - tr(R^T S E).
 static inline __attribute__((always_inline)) VEC NAME(loss)(const VEC s[9], const VEC r[9],
-                                                            VEC squares, REAL scale) {
-    VEC sum = {0};
-    for (size_t k = 0; k < 9; ++k) {
-        sum += r[k] * s[k];
+                                                            VEC squares) {
+    VEC turned = {0}, lost = {0};
+    for (size_t a = 0; a < 3; ++a) {
+        for (size_t b = a; b < 3; ++b) {
+            const VEC error = (r[3 * a + b] + r[3 * b + a]) +
+                              (r[a] * r[b] + r[3 + a] * r[3 + b] + r[6 + a] * r[6 + b]);
+            const VEC product = r[a] * s[b] + r[3 + a] * s[3 + b] + r[6 + a] * s[6 + b];
+            const VEC share = (s[3 * a + b] + product) * error;
+            lost += share;
+            if (a == b) {
+                turned += product;
+            } else {
+                lost += share;
+            }
+        }
     }
-    return squares - (scale > 0 ? (REAL)2 / scale : 0) * sum;
+    return squares - ((turned + turned) - lost);
 }
 
 // Pulls both ends of some edges: t = s (`share` x - Q e) + Kw a is added to `own` and taken from
@@ -279,18 +429,6 @@ static inline __attribute__((always_inline)) void NAME(pull)(const NAME(vertex) 
     }
 }
 
-// 1 / sqrt(x + LENGTH_TOLERANCE) to rounding: a guess from the bits, then Newton's method. Hardware
-// takes several times as long.
-static inline __attribute__((always_inline)) VEC NAME(inverse_root)(VEC x) {
-    x += (REAL)LENGTH_TOLERANCE;
-    VEC y = (VEC)((INTEGER)ROOT_BITS - ((MASK)x >> 1));
-    const VEC half = (REAL)0.5 * x;
-    for (int step = 0; step < ROOT_STEPS; ++step) {
-        y *= (REAL)1.5 - half * y * y;
-    }
-    return y;
-}
-
 // The same for L_s.
 static inline __attribute__((always_inline)) void NAME(stretch)(const NAME(vertex) * v, REAL share,
                                                                 REAL *forces, VEC own[3]) {
@@ -312,51 +450,48 @@ static inline __attribute__((always_inline)) void NAME(stretch)(const NAME(verte
     }
 }
 
-// Counts the lanes with det(S) < 0.
-static inline __attribute__((always_inline)) void NAME(count_reflections)(const VEC s[9],
-                                                                          uint64_t *counts) {
+// Counts the lanes with det(S) < 0. `scale`: that brings S to about 1.
+static inline __attribute__((always_inline)) void
+NAME(count_reflections)(const VEC s[9], REAL scale, uint64_t *counts) {
     const VEC det = s[0] * (s[4] * s[8] - s[5] * s[7]) - s[1] * (s[3] * s[8] - s[5] * s[6]) +
                     s[2] * (s[3] * s[7] - s[4] * s[6]);
     for (size_t l = 0; l < LANES; ++l) {
-        counts[l] += det[l] < (REAL)-CURVATURE_TOLERANCE;
+        counts[l] += scale * scale * scale * det[l] < (REAL)-CURVATURE_TOLERANCE;
     }
 }
 
 static inline __attribute__((always_inline)) void
-NAME(add_sums)(const NAME(vertex) * v, size_t lane, const VEC ring[9], const VEC near[9],
-               const VEC ring_turn[9], const VEC near_turn[9], const VEC attached[3],
-               const VEC squares[2], pci_skin_sums *sums) {
-    const VEC losses[3] = {NAME(loss)(ring, ring_turn, squares[0], v->constants[PCI_SKIN_RING + 6]),
-                           NAME(loss)(near, near_turn, squares[1], v->constants[PCI_SKIN_NEAR + 6]),
-                           attached[0] * attached[0] + attached[1] * attached[1] +
-                               attached[2] * attached[2]};
+NAME(add_sums)(const NAME(vertex) * v, size_t lane, VEC s[2][9], VEC turn[2][9],
+               const VEC attached[3], const VEC squares[2], pci_skin_sums *sums) {
+    const VEC losses[3] = {
+        NAME(loss)(s[0], turn[0], squares[0]), NAME(loss)(s[1], turn[1], squares[1]),
+        attached[0] * attached[0] + attached[1] * attached[1] + attached[2] * attached[2]};
     for (size_t x = 0; x < 3; ++x) {
         for (size_t l = 0; l < LANES; ++l) {
             sums->losses[x][lane + l] += (double)losses[x][l];
         }
     }
-    NAME(count_reflections)(ring, &sums->reflections[lane]);
+    NAME(count_reflections)(s[0], v->constants[PCI_SKIN_RING + 6], &sums->reflections[lane]);
 }
 
-// Adds half of dE/du that the terms of one vertex cause, from its rotations.
+// Adds half of dE/du that the terms of one vertex cause. `ring_turn` and `near_turn`: R - I times
+// the scale of the gradient.
 static inline __attribute__((always_inline)) void
 NAME(add_forces)(const NAME(vertex) * v, const double scale[4], const VEC ring_turn[9],
                  const VEC near_turn[9], const VEC attached[3], REAL *forces, REAL *own_force) {
     const pci_skin_runs *runs = v->runs;
     const REAL rigid = (REAL)scale[0], collision = (REAL)scale[1];
-    VEC ring[9], near[9], both[9], a[3], own[3];
+    VEC both[9], a[3], own[3];
     for (size_t k = 0; k < 9; ++k) {
-        ring[k] = rigid * ring_turn[k];
-        near[k] = collision * near_turn[k];
-        both[k] = ring[k] + near[k];
+        both[k] = ring_turn[k] + near_turn[k];
     }
     for (size_t k = 0; k < 3; ++k) {
         a[k] = (REAL)scale[2] * attached[k];
         own[k] = LOAD(own_force + k * PCI_BLOCK);
     }
-    NAME(pull)(v, runs->begin, runs->near, rigid, ring, NULL, forces, own);
+    NAME(pull)(v, runs->begin, runs->near, rigid, ring_turn, NULL, forces, own);
     NAME(pull)(v, runs->near, runs->ring_end, rigid + collision, both, a, forces, own);
-    NAME(pull)(v, runs->ring_end, runs->end, collision, near, a, forces, own);
+    NAME(pull)(v, runs->ring_end, runs->end, collision, near_turn, a, forces, own);
     if (scale[3] != 0.0) {
         NAME(stretch)(v, (REAL)(2.0 * scale[3]), forces, own);
     }
@@ -409,9 +544,9 @@ NAME(collect)(const pci_skin_data *data, const pci_skin_patch *patch, const REAL
                     const VEC x = NAME(apply)(d + lane, point, columns);
                     const VEC y = NAME(apply)(d + PCI_BLOCK + lane, point, columns);
                     const VEC z = NAME(apply)(d + 2 * PCI_BLOCK + lane, point, columns);
-                    STORE(&products[k * PCI_BLOCK + lane],
-                          LOAD(&g[lane]) * x + LOAD(&g[PCI_BLOCK + lane]) * y +
-                              LOAD(&g[2 * PCI_BLOCK + lane]) * z);
+                    STORE(&products[k * PCI_BLOCK + lane], LOAD(&g[lane]) * x +
+                                                               LOAD(&g[PCI_BLOCK + lane]) * y +
+                                                               LOAD(&g[2 * PCI_BLOCK + lane]) * z);
                 }
             }
             QUAD sums;
@@ -423,54 +558,11 @@ NAME(collect)(const pci_skin_data *data, const pci_skin_patch *patch, const REAL
     }
 }
 
-// Product of a and b, or of a and the inverse of b.
-static inline __attribute__((always_inline)) void NAME(multiply)(const VEC a[4], const VEC b[4],
-                                                                 bool inverse, VEC out[4]) {
-    const REAL sign = inverse ? (REAL)-1 : (REAL)1;
-    const VEC x = sign * b[1], y = sign * b[2], z = sign * b[3];
-    out[0] = a[0] * b[0] - a[1] * x - a[2] * y - a[3] * z;
-    out[1] = a[0] * x + a[1] * b[0] + a[2] * z - a[3] * y;
-    out[2] = a[0] * y + a[2] * b[0] + a[3] * x - a[1] * z;
-    out[3] = a[0] * z + a[3] * b[0] + a[1] * y - a[2] * x;
-}
-
-// First guess of a rotation: that of the block before, turned as the vertex before has turned since
-// then; or that of the vertex before.
-static inline __attribute__((always_inline)) void
-NAME(guess)(const REAL *quaternion, bool has_block, bool has_vertex, const REAL *turned, VEC q[4]) {
-    VEC last[4], turn[4];
-    for (size_t k = 0; k < 4; ++k) {
-        last[k] = turn[k] = (VEC){0} + (REAL)(k == 0);
-        if (has_block) {
-            last[k] = LOAD(quaternion + k * PCI_BLOCK);
-        } else if (has_vertex) {
-            last[k] = LOAD(quaternion + k * PCI_BLOCK - 4 * PCI_BLOCK);
-        }
-        if (has_block && has_vertex) {
-            turn[k] = LOAD(turned + k * PCI_BLOCK);
-        }
-    }
-    NAME(multiply)(turn, last, false, q);
-}
-
-static inline __attribute__((always_inline)) void NAME(keep)(const VEC q[4], const REAL *quaternion,
-                                                             REAL *turned) {
-    VEC last[4], turn[4];
-    for (size_t k = 0; k < 4; ++k) {
-        last[k] = LOAD(quaternion + k * PCI_BLOCK);
-    }
-    NAME(multiply)(q, last, true, turn);
-    for (size_t k = 0; k < 4; ++k) {
-        STORE(turned + k * PCI_BLOCK, turn[k]);
-    }
-}
-
 static void NAME(evaluate)(const pci_skin_data *data, const pci_skin_patch *patch,
-                           const void *driver, const pci_skin_buffers *buffers, bool first,
-                           pci_skin_sums *sums, void *gradient) {
+                           const void *driver, const pci_skin_buffers *buffers, pci_skin_sums *sums,
+                           void *gradient) {
     REAL *displacements = buffers->displacements, *forces = buffers->forces;
-    REAL *quaternions = buffers->quaternions;
-    REAL turned[4 * PCI_BLOCK] __attribute__((aligned(64))); // since the block before
+    const REAL factor[2] = {(REAL)data->scale[0], (REAL)data->scale[1]}, unit[2] = {1, 1};
     if (data->columns == 1) {
         NAME(displace)(data, patch, driver, 1, displacements);
     } else {
@@ -486,26 +578,23 @@ static void NAME(evaluate)(const pci_skin_data *data, const pci_skin_patch *patc
                  .runs = &patch->runs[i],
                  .constants = (const REAL *)patch->constants + PCI_SKIN_CONSTANTS * i,
                  .displacements = &displacements[lane]};
-            VEC ring[9], near[9], attached[3], squares[2], q[4], ring_turn[9], near_turn[9];
+            VEC s[2][9], turn[2][9], attached[3], squares[2];
             for (size_t k = 0; k < 3; ++k) {
                 v.u[k] = LOAD(&displacements[(3 * i + k) * PCI_BLOCK + lane]);
             }
-            NAME(gather_all)(&v, ring, near, attached, sums != NULL ? squares : NULL);
-            REAL *quaternion = &quaternions[4 * PCI_BLOCK * i + lane];
-            NAME(guess)(quaternion, !first, i > 0, &turned[lane], q);
-            NAME(fit_rotation)(ring, q, ring_turn);
-            NAME(keep)(q, quaternion, &turned[lane]);
-            for (size_t k = 0; k < 4; ++k) {
-                STORE(quaternion + k * PCI_BLOCK, q[k]);
-            }
-            NAME(fit_rotation)(near, q, near_turn);
+            NAME(gather_all)(&v, s[0], s[1], attached, sums != NULL ? squares : NULL);
             if (sums != NULL) {
-                NAME(add_sums)
-                (&v, lane, ring, near, ring_turn, near_turn, attached, squares, sums);
+                NAME(fit_rotations)(s, unit, turn);
+                NAME(add_sums)(&v, lane, s, turn, attached, squares, sums);
+                for (size_t k = 0; k < 18; ++k) {
+                    turn[k / 9][k % 9] *= factor[k / 9];
+                }
+            } else {
+                NAME(fit_rotations)(s, factor, turn);
             }
             if (gradient != NULL) {
                 NAME(add_forces)
-                (&v, data->scale, ring_turn, near_turn, attached, &forces[lane],
+                (&v, data->scale, turn[0], turn[1], attached, &forces[lane],
                  &forces[3 * PCI_BLOCK * i + lane]);
             }
         }
@@ -531,8 +620,9 @@ const pci_skin_kernel NAME(pci_skin) = {
 #undef LANES
 #undef ANY
 #undef NAME
-#undef ROOT_BITS
-#undef ROOT_STEPS
+#undef ROOT
+#undef EACH_ROOT
 #undef LENGTH_TOLERANCE
 #undef STEP_TOLERANCE
 #undef CURVATURE_TOLERANCE
+#undef ROOT_TOLERANCE

@@ -12,11 +12,11 @@
 #define LANES               8
 #define ANY(mask)           (!_mm256_testz_si256((__m256i)(mask), (__m256i)(mask)))
 #define NAME(x)             x##_avx2_float
-#define ROOT_BITS           0x5f375a86
-#define ROOT_STEPS          3
+#define ROOT(x)             ((VEC)_mm256_sqrt_ps((__m256)(x)))
 #define LENGTH_TOLERANCE    1e-20
 #define STEP_TOLERANCE      1e-5
 #define CURVATURE_TOLERANCE 1e-5
+#define ROOT_TOLERANCE      1e-6
 #include "stages/skin_kernel.inl"
 
 #define REAL                double
@@ -24,9 +24,9 @@
 #define LANES               4
 #define ANY(mask)           (!_mm256_testz_si256((__m256i)(mask), (__m256i)(mask)))
 #define NAME(x)             x##_avx2_double
-#define ROOT_BITS           0x5fe6eb50c7b537a9
-#define ROOT_STEPS          4
+#define ROOT(x)             ((VEC)_mm256_sqrt_pd((__m256d)(x)))
 #define LENGTH_TOLERANCE    1e-40
 #define STEP_TOLERANCE      1e-18
 #define CURVATURE_TOLERANCE 1e-13
+#define ROOT_TOLERANCE      1e-11
 #include "stages/skin_kernel.inl"

@@ -16,11 +16,11 @@ static inline bool any_bit(const void *mask) {
 #define LANES               4
 #define ANY(mask)           any_bit(&(mask))
 #define NAME(x)             x##_generic_float
-#define ROOT_BITS           0x5f375a86
-#define ROOT_STEPS          3
+#define EACH_ROOT           sqrtf
 #define LENGTH_TOLERANCE    1e-20
 #define STEP_TOLERANCE      1e-5
 #define CURVATURE_TOLERANCE 1e-5
+#define ROOT_TOLERANCE      1e-6
 #include "stages/skin_kernel.inl"
 
 #define REAL                double
@@ -28,9 +28,9 @@ static inline bool any_bit(const void *mask) {
 #define LANES               2
 #define ANY(mask)           any_bit(&(mask))
 #define NAME(x)             x##_generic_double
-#define ROOT_BITS           0x5fe6eb50c7b537a9
-#define ROOT_STEPS          4
+#define EACH_ROOT           sqrt
 #define LENGTH_TOLERANCE    1e-40
 #define STEP_TOLERANCE      1e-18
 #define CURVATURE_TOLERANCE 1e-13
+#define ROOT_TOLERANCE      1e-11
 #include "stages/skin_kernel.inl"

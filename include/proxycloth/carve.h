@@ -26,11 +26,12 @@
 ///   in them.
 ///
 /// DEVIATION: where the labelled layer bridges gaps (half a percent of its area is more than half a
-/// voxel away from the cloth, as between two legs), parts that are worn over each other are sewn to
-/// one sheet instead: what has another part before it within four voxels (trousers beneath a shirt)
-/// is cut away, and the rest sewn to the hem above it. The sheet is taken if it has as many
-/// components and loops as the labelled layer, is plain or folded as above, and 99 % of the visual
-/// vertices are within four voxels of it.
+/// voxel away from the cloth, as between two legs), the cloth made one sheet is taken instead, if
+/// it has as many components and loops, at most 1.5 times the boundary, and 99 % of the visual
+/// vertices are near it. What has another
+/// part before it within four voxels (trousers beneath a shirt) is cut away, and the rest sewn to
+/// the hem above it; second plies of a part (hems that are turned in, collars, the inside of a hat)
+/// are cut off along their fold. The sheet must then be plain, or folded where parts were sewn.
 ///
 /// The border of the layer follows the voxels; with `snap_border` it is moved onto the garment's
 /// hems within 1.5 voxels (edges of one triangle with no other cloth in front), and the surface

@@ -45,6 +45,13 @@ static void add_side(figure *f, double radius, const double a[2], const double b
     if (!(length2 > 0.0)) {
         return;
     }
+    // Most sides are inside as a whole: with some room, so that rounding leaves no doubt.
+    const double inside = (1.0 - 1e-9) * radius * radius;
+    if (a[0] * a[0] + a[1] * a[1] < inside && b[0] * b[0] + b[1] * b[1] < inside) {
+        const double end[2] = {a[0] + d[0], a[1] + d[1]};
+        add_wedge(f, a, end);
+        return;
+    }
     // The side is inside for parameters from `enter` to `leave`.
     const double middle = -(a[0] * d[0] + a[1] * d[1]) / length2;
     const double cross = a[0] * d[1] - a[1] * d[0];
@@ -85,8 +92,9 @@ static void add_triangle(ball *b, const double corners[3][3]) {
         flat[k][0] = pci_dot(from, u), flat[k][1] = pci_dot(from, v);
     }
     figure f = {0};
+    const double radius = sqrt(square);
     for (size_t k = 0; k < 3; ++k) {
-        add_side(&f, sqrt(square), flat[k], flat[(k + 1) % 3]);
+        add_side(&f, radius, flat[k], flat[(k + 1) % 3]);
     }
     b->area += f.area;
     for (size_t k = 0; k < 3; ++k) {

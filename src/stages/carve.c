@@ -65,6 +65,8 @@ static const double covered_voxels = 2.0;
 // Where a layer bridges a gap it is farther than this from the cloth, in voxels; so much of its
 // area may do so.
 static const double bridge_voxels = 0.5, most_bridges = 0.005;
+// What is taken instead may have so many times the boundary: a front that opens has more.
+static const double most_boundary = 1.5;
 // An outfit has a few parts that are worn over each other; patterns have more panels.
 static const size_t most_parts = 6;
 // Small parts farther than this from the others are loose parts of the garment, not crumbs.
@@ -331,24 +333,46 @@ static pc_status take_visual(pci_scratch *scratch, const pc_mesh *surface, const
     return status == PC_OK ? measure(scratch, surface, layer, cell_size, report) : status;
 }
 
-// Where the labelled layer bridges gaps, as between two legs, the parts of the cloth sewn to one
-// sheet are taken if that has the shape that the labels say.
-static pc_status try_sewing(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
-                            double thickness, const pc_mesh *projected, const uint8_t *labels,
-                            double cell_size, pc_mesh *layer, pc_carve_report *report) {
+// Length of the boundary. False: out of memory.
+static bool measure_boundary(pc_context *context, const pc_mesh *mesh, double *length) {
+    pci_scratch scratch = pci_scratch_begin(context);
+    pci_topology topology;
+    const bool good = pci_topology_build(&scratch, mesh, &topology);
+    *length = 0.0;
+    for (size_t e = 0; good && e < topology.edge_count; ++e) {
+        if (topology.edge_triangle_offsets[e + 1] - topology.edge_triangle_offsets[e] == 1) {
+            const uint32_t *ends = &topology.edges[2 * e];
+            *length += sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)ends[0]],
+                                                 &mesh->positions[3 * (size_t)ends[1]]));
+        }
+    }
+    pci_scratch_end(&scratch);
+    return good;
+}
+
+// Where the labelled layer bridges gaps, as between two legs, the cloth made one sheet is taken if
+// that has the shape that the labels say, and no front is open that they closed.
+static pc_status try_tailoring(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
+                               double thickness, const pc_mesh *projected, const uint8_t *labels,
+                               double cell_size, pc_mesh *layer, pc_carve_report *report) {
     pc_mesh side = {0}, sewn = {0};
     pc_carve_report other = {.source = PC_LAYER_VISUAL};
     pc_status status = labelled_side(scratch, projected, labels, &side);
     if (status == PC_OK && side.triangle_count > 0) {
-        status = pci_sewn_layer(scratch, stage, surface, cloth, &side, thickness, cell_size, &sewn,
-                                &other.filled_loops);
+        status = pci_tailored_layer(scratch, stage, surface, cloth, &side, thickness, cell_size,
+                                    &sewn, &other.filled_loops);
     }
     pc_mesh_free(scratch->context, &side);
     if (status == PC_OK && sewn.triangle_count > 0) {
         status = measure(scratch, surface, &sewn, cell_size, &other);
     }
+    double before = 0.0, after = 0.0;
+    if (status == PC_OK && (!measure_boundary(scratch->context, layer, &before) ||
+                            !measure_boundary(scratch->context, &sewn, &after))) {
+        status = pci_fail_memory(scratch->context, stage);
+    }
     if (status == PC_OK && other.components == report->components &&
-        other.boundary_loops == report->boundary_loops) {
+        other.boundary_loops == report->boundary_loops && after <= most_boundary * before) {
         pc_mesh_free(scratch->context, layer);
         *layer = sewn;
         *report = other;
@@ -358,15 +382,15 @@ static pc_status try_sewing(pci_scratch *scratch, const pc_mesh *surface, const 
     return status;
 }
 
-// Whether there are parts that may be worn over each other, and not so many as a pattern has.
-static bool may_be_sewn(pci_scratch *scratch, const pc_mesh *cloth,
-                        const pc_carve_options *options) {
+// Whether there are so few parts that they may be one sheet, worn over each other.
+static bool may_be_tailored(pci_scratch *scratch, const pc_mesh *cloth,
+                            const pc_carve_options *options) {
     uint32_t *parents = PCI_SCRATCH(scratch, uint32_t, cloth->vertex_count);
     if (parents == NULL || options->layer_source != PC_LAYER_AUTO) {
         return false;
     }
     const size_t parts = pci_vertex_components(cloth, parents);
-    return parts > 1 && parts <= most_parts;
+    return parts <= most_parts;
 }
 
 static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
@@ -393,7 +417,7 @@ static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface, cons
     if (status == PC_OK) {
         status =
             labelled_layer(scratch, surface, cloth, projected, labels, cell_size, options, layer,
-                           may_be_sewn(scratch, cloth, options) ? &bridges : NULL, report);
+                           may_be_tailored(scratch, cloth, options) ? &bridges : NULL, report);
     }
     if (status == PC_OK && layering == PCI_FOLDED) {
         pc_carve_report other = {0};
@@ -409,8 +433,8 @@ static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface, cons
     }
     pc_mesh_free(scratch->context, &visual);
     if (status == PC_OK && report->source == PC_LAYER_LABELS && bridges > most_bridges) {
-        status = try_sewing(scratch, surface, cloth, thickness, projected, labels, cell_size, layer,
-                            report);
+        status = try_tailoring(scratch, surface, cloth, thickness, projected, labels, cell_size,
+                               layer, report);
     }
     return status;
 }

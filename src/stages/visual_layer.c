@@ -6,6 +6,7 @@
 #include "core/manifold.h"
 #include "core/topology.h"
 #include "stages/hidden.h"
+#include "stages/lining.h"
 #include "stages/loops.h"
 #include "stages/sewing.h"
 #include "stages/shells.h"
@@ -23,6 +24,8 @@ static const double most_folded_share = 0.15;
 // What is worn over something else hangs at most so many voxels away from it; so much of the
 // garment must be near what is sewn together.
 static const double sewing_voxels = 4.0, least_covered = 0.99;
+// Linings hang lower than the cloth here and there, in voxels.
+static const double lining_voxels = 2.0;
 // One in so many triangles tells which way a part faces.
 static const size_t facing_stride = 8;
 // Holes of a shorter way around are no openings, in voxels.
@@ -205,10 +208,33 @@ pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mes
     return status;
 }
 
-pc_status pci_sewn_layer(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
-                         const pc_mesh *cloth, const pc_mesh *side, double thickness,
-                         double cell_size, pc_mesh *layer, uint64_t *filled_loops) {
-    const double reach = sewing_voxels * cell_size;
+// Hems and collars that are turned over make a second ply: without them the layer may be plain.
+static pc_status try_peeling(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
+                             double thickness, double cell_size, double reach, pc_mesh *layer,
+                             pci_layering *layering) {
+    bool peeled = false;
+    pc_mesh rest = {0};
+    pci_layering without = PCI_LAYERED;
+    pc_status status = pci_mesh_compact(scratch, layer, NULL, &rest, NULL)
+                           ? pci_peel_linings(scratch, stage, cell_size, &rest, &peeled)
+                           : pci_fail_memory(scratch->context, stage);
+    if (status == PC_OK && peeled) {
+        status = measure(scratch, stage, surface, &rest, thickness, cell_size, reach, least_covered,
+                         &without);
+    }
+    if (status == PC_OK && without == PCI_PLAIN) {
+        const pc_mesh swapped = *layer;
+        *layer = rest;
+        rest = swapped;
+        *layering = without;
+    }
+    pc_mesh_free(scratch->context, &rest);
+    return status;
+}
+
+pc_status pci_tailored_layer(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
+                             const pc_mesh *cloth, const pc_mesh *side, double thickness,
+                             double cell_size, pc_mesh *layer, uint64_t *filled_loops) {
     pci_layering layering = PCI_LAYERED;
     bool sewn = false;
     pc_status status = begin_layer(scratch, stage, cloth, cell_size, layer, filled_loops);
@@ -216,13 +242,18 @@ pc_status pci_sewn_layer(pci_scratch *scratch, const char *stage, const pc_mesh 
         status = pci_face_like(scratch, stage, side, facing_stride, layer);
     }
     if (status == PC_OK && layer->triangle_count > 0) {
-        status = pci_sew_parts(scratch, stage, reach, layer, &sewn);
+        status = pci_sew_parts(scratch, stage, sewing_voxels * cell_size, layer, &sewn);
     }
-    if (status == PC_OK && sewn) {
+    const double reach = (sewn ? sewing_voxels : lining_voxels) * cell_size;
+    if (status == PC_OK && layer->triangle_count > 0) {
         status = measure(scratch, stage, surface, layer, thickness, cell_size, reach, least_covered,
                          &layering);
     }
-    if (status != PC_OK || layering == PCI_LAYERED) {
+    if (status == PC_OK && layering != PCI_PLAIN && layer->triangle_count > 0) {
+        status =
+            try_peeling(scratch, stage, surface, thickness, cell_size, reach, layer, &layering);
+    }
+    if (status != PC_OK || !(layering == PCI_PLAIN || (layering == PCI_FOLDED && sewn))) {
         pc_mesh_free(scratch->context, layer);
     }
     return status;

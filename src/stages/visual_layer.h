@@ -26,14 +26,15 @@ PC_NODISCARD pc_status pci_visual_layer(pci_scratch *scratch, const char *stage,
                                         pc_mesh *layer, pci_layering *layering,
                                         uint64_t *filled_loops);
 
-// The cloth with parts that are worn over each other sewn to one sheet (stages/sewing.h). `side`
-// tells what is outside. `layer` stays empty where there are none, where the result is layered or
-// is not near 99 % of the visual mesh.
+// The cloth made one sheet: parts that are worn over each other are sewn together
+// (stages/sewing.h), hems and collars that are turned over are cut off (stages/lining.h). `side`
+// tells what is outside. `layer` stays empty where the result is not plain, nor folded and sewn, or
+// not near 99 % of the visual mesh.
 // PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
-PC_NODISCARD pc_status pci_sewn_layer(pci_scratch *scratch, const char *stage,
-                                      const pc_mesh *surface, const pc_mesh *cloth,
-                                      const pc_mesh *side, double thickness, double cell_size,
-                                      pc_mesh *layer, uint64_t *filled_loops);
+PC_NODISCARD pc_status pci_tailored_layer(pci_scratch *scratch, const char *stage,
+                                          const pc_mesh *surface, const pc_mesh *cloth,
+                                          const pc_mesh *side, double thickness, double cell_size,
+                                          pc_mesh *layer, uint64_t *filled_loops);
 
 // Turns the components of `layer` over that face the other way than `reference`, by the area of one
 // in `stride` triangles.

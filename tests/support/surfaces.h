@@ -53,6 +53,17 @@ static inline pc_mesh test_tube(pc_context *context, uint32_t around, uint32_t a
     return mesh;
 }
 
+// A tube of radius 0.5 and height 1 whose lower hem is turned in, 0.5 high and `gap` inside.
+static inline pc_mesh test_hemmed_tube(pc_context *context, double gap) {
+    pc_mesh mesh = test_tube(context, 48, 15, 1.0, 1.5);
+    for (size_t v = 0; v < mesh.vertex_count; ++v) {
+        double *p = &mesh.positions[3 * v];
+        const double way = p[1] - 0.5, radius = way < -1e-9 ? 0.5 - gap : 0.5;
+        p[0] *= radius, p[1] = fabs(way), p[2] *= radius;
+    }
+    return mesh;
+}
+
 static inline pc_mesh test_torus(pc_context *context, uint32_t around, uint32_t along, double major,
                                  double minor) {
     pc_mesh mesh = test_grid(context, around, along, true, true);

@@ -409,6 +409,41 @@ static void takes_clean_sheets_as_they_are(void **state) {
     pc_context_destroy(context);
 }
 
+// Cloth with a hem that is turned in goes by the labels, unless they bridge a gap and say what it
+// is without the hem.
+static void takes_cloth_without_hems_for_bridges(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    pc_mesh visual = test_hemmed_tube(context, 0.03);
+    for (int i = 0; i < 3; ++i) {
+        const bool bridged = i > 0, holed = i == 2;
+        pc_mesh skin = test_tube(context, 48, 20, 0.5, 1.0), layer = {0};
+        pc_labels labels = make_labels(context, skin.vertex_count, 1);
+        for (size_t v = 0; v < skin.vertex_count; ++v) {
+            double *p = &skin.positions[3 * v];
+            const bool amid = p[1] > 0.2 && p[1] < 0.8;
+            labels.labels[v] = !(holed && amid && p[0] < -0.3);
+            const double share = bridged && amid && p[0] > 0.3 ? 1.3 : 1.0;
+            p[0] *= share, p[2] *= share;
+        }
+        pc_carve_report report = {0};
+        assert_ok(context, pc_carve(context, &visual, &skin, &labels, 0.1, NULL, &layer, &report));
+        check_layer(context, &layer, &report);
+        assert_int_equal(report.source, i == 1 ? PC_LAYER_VISUAL : PC_LAYER_LABELS);
+        assert_int_equal(report.boundary_loops, holed ? 3 : 2);
+        double widest = 0.0;
+        for (size_t v = 0; v < layer.vertex_count; ++v) {
+            widest = fmax(widest, hypot(layer.positions[3 * v], layer.positions[3 * v + 2]));
+        }
+        assert_true(i == 2 ? widest > 0.6 : widest < 0.51);
+        pc_mesh_free(context, &layer);
+        pc_labels_free(context, &labels);
+        pc_mesh_free(context, &skin);
+    }
+    pc_mesh_free(context, &visual);
+    pc_context_destroy(context);
+}
+
 static bool inner(const double *p) { return fabs(p[0] - 8.0) < 4.0 && fabs(p[1] - 8.0) < 4.0; }
 
 // A sheet in waves: narrow ones go, wide ones stay, the border draws in by less than half the
@@ -566,6 +601,7 @@ int main(void) {
         cmocka_unit_test(keeps_webs),
         cmocka_unit_test(refines_triangles_without_area),
         cmocka_unit_test(takes_clean_sheets_as_they_are),
+        cmocka_unit_test(takes_cloth_without_hems_for_bridges),
         cmocka_unit_test(flattens_narrow_folds),
         cmocka_unit_test(survives_lack_of_memory),
         cmocka_unit_test(is_deterministic),

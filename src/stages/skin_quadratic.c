@@ -571,7 +571,7 @@ static inline __attribute__((always_inline)) bool minimize_on_face(const sweep_j
         find_inverse(q, g, width, row, &face, inverse);
         q->faces[v] = face.bits;
     }
-    if (face.count == 0 || !step_on_face(&face, inverse, r, step)) {
+    if (!step_on_face(&face, inverse, r, step)) {
         return false;
     }
     if (face.count < r->count) {

@@ -63,7 +63,7 @@
 /// all (and so on, down to some hundred); then few rounds do on all. Most rounds see a sample of
 /// the frames, about 32 of them evenly spread, the last ones all.
 ///
-/// Time: about 25 ns per vertex, frame seen and round or epoch on one core, in float, and 2.5 us
+/// Time: about 20 ns per vertex, frame seen and round or epoch on one core, in float, and 2.5 us
 /// per vertex and round. Memory: about 1.5 kB per vertex, 12 B per proxy vertex and frame, and 16 B
 /// per pair of proxy vertices. With rotations the last two are 4 and 16 times as much.
 ///

@@ -564,11 +564,14 @@ static inline __attribute__((always_inline)) bool minimize_on_face(const sweep_j
     double step[PCI_SKIN_SLOTS_MAX];
     row_face face;
     find_face(r, &face);
+    if (face.count == 0) {
+        return false;
+    }
     if (q->faces[v] != face.bits) {
         find_inverse(q, g, width, row, &face, inverse);
         q->faces[v] = face.bits;
     }
-    if (!step_on_face(&face, inverse, r, step)) {
+    if (face.count == 0 || !step_on_face(&face, inverse, r, step)) {
         return false;
     }
     if (face.count < r->count) {
@@ -659,11 +662,32 @@ static inline __attribute__((always_inline)) void minimize_row(const sweep_job *
     }
 }
 
+static inline void fetch(const void *memory, size_t size) {
+    for (size_t at = 0; at < size; at += 64) {
+        __builtin_prefetch((const char *)memory + at);
+    }
+}
+
+// Rows that follow one another are far apart in memory.
+static void fetch_row(const sweep_job *job, size_t v) {
+    const pci_skin_quadratic *q = job->q;
+    const size_t first = v * q->slots, triangle = triangle_size(q->slots);
+    const size_t entries = q->offsets[v + 1] - q->offsets[v];
+    fetch(&q->values[q->offsets[v]], entries * sizeof(*q->values));
+    fetch(&q->inverses[v * triangle], triangle * sizeof(*q->inverses));
+    fetch(&job->weights[first], q->slots * sizeof(*job->weights));
+    fetch(&job->gradient[first], q->slots * sizeof(*job->gradient));
+    fetch(&job->moved[first], q->slots * sizeof(*job->moved));
+}
+
 // Visits the rows of a group in order, or from the last to the first.
 static void visit_group(const sweep_job *job, size_t count, bool backward, pci_skin_group *g) {
     for (size_t m = 0; m < count; ++m) {
         const size_t row = backward ? count - 1 - m : m;
         const uint32_t *entries = &g->entries[g->entry_offsets[row]];
+        if (m + 1 < count) {
+            fetch_row(job, g->vertices[backward ? row - 1 : row + 1]);
+        }
         if (job->q->width == 1) {
             minimize_row(job, row, entries, 1, g);
         } else {

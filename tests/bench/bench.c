@@ -87,46 +87,61 @@ static bool get_garment(pc_context *context, const char *name, pc_asset *asset) 
 
 // ---- distance from the machine's limits ---------------------------------------------------------
 
-// Of a stage: what it counts, how often it did it, and what once costs one thread at least.
+// Of a stage: what it counts, how often it did it, what once costs one thread at least, and what
+// else it does, which keeps it away from that.
 typedef struct work {
     const char *unit;
-    double count, least; // seconds; 0: no model
+    double count, least; // seconds
+    const char *besides;
 } work;
+
+enum { FARTHEST = 3, SAMPLED_FRAMES = 32 }; // times the limit without a word; of a round of skin
 
 static work stage_work(pc_stage stage, const pc_asset *a, const limits *machine) {
     const pc_reports *r = &a->reports;
+    const pc_mesh *surface = &a->visual.surface;
     const double closed = (double)a->projected.vertex_count;
     const pc_simulate_options *s = &a->options.simulate;
+    const double frames = fmin((double)a->motion.frame_count, SAMPLED_FRAMES);
     switch (stage) {
     case PC_STAGE_VOXELIZE:
-        return (work){"closest point", (double)r->voxelize.queries, machine->closest};
+        return (work){"closest point", (double)r->voxelize.queries, machine->closest,
+                      "building the tree, parts that are hidden"};
     case PC_STAGE_ISOSURFACE: // a sample is read, 1.5 triangles and .75 vertices are written
-        return (work){"sample", (double)r->voxelize.samples, 48.0 * machine->byte};
+        return (work){
+            "sample", (double)r->voxelize.samples, 48.0 * machine->byte,
+            "cells of a sparse grid look for their neighbours, which is no matter of bytes"};
     case PC_STAGE_PROJECT:
         return (work){"closest point", closed * (double)(r->project.iterations + 1),
-                      machine->closest};
+                      machine->closest, "solving the normal equations"};
     case PC_STAGE_GRAPH:
-        return (work){"ray", 2.0 * closed, machine->ray};
-    case PC_STAGE_LABEL:
-        return (work){"label", closed, 0.0};
-    case PC_STAGE_CARVE:
-        return (work){"triangle", (double)a->projected.triangle_count, 0.0};
+        return (work){"ray", 2.0 * closed, machine->ray,
+                      "a quadric fitted in double to two rings of each vertex, for its curvature"};
+    case PC_STAGE_LABEL: // a wish is read
+        return (work){"edge", (double)a->graph.edge_count, 16.0 * machine->byte,
+                      "the proof: flows and cycles pass each edge as often as it takes"};
+    case PC_STAGE_CARVE: // is it covered; what lies before and behind its two triangles
+        return (work){"visual vertex", (double)surface->vertex_count,
+                      machine->closest + 4.0 * machine->ray,
+                      "repair, topology and outline of the layer, mostly one thread"};
     case PC_STAGE_SIMPLIFY:
-        return (work){"vertex", (double)a->single_layer.vertex_count, 0.0};
+        return (work){"layer vertex", (double)a->single_layer.vertex_count, machine->closest,
+                      "contraction takes one vertex after the other; flips and moves are tried"};
     case PC_STAGE_SIMULATE: // 30 operations per spring, in a chain: nothing to vectorise
         return (work){"spring projection",
                       (double)(r->simulate.stretch_springs + r->simulate.bend_springs) *
                           (double)(s->frames * s->frame_steps) * (double)s->solver_iterations,
-                      30.0 * machine->flop * 16.0};
+                      30.0 * machine->flop * 16.0, "air, pins and frames"};
     case PC_STAGE_SKIN: // rotations of two neighbourhoods of 6 and 8, about 260 operations
-        return (work){"vertex and frame",
-                      (double)a->visual.surface.vertex_count * (double)a->motion.frame_count *
-                          (double)r->skin.rounds,
-                      260.0 * machine->flop};
+        return (work){
+            "vertex and frame", (double)surface->vertex_count * frames * (double)r->skin.rounds,
+            260.0 * machine->flop,
+            "exact rotations iterate; a round also solves each vertex's row by sweeps, the "
+            "last rounds see all frames"};
     case PC_STAGE_COUNT:
         break;
     }
-    return (work){"", 0.0, 0.0};
+    return (work){"", 0.0, 0.0, ""};
 }
 
 static bool print_limits(pc_context *context, const char *name, const settings *set) {
@@ -139,18 +154,18 @@ static bool print_limits(pc_context *context, const char *name, const settings *
     if (good) {
         const double threads = pc_context_threads(context);
         printf("one thread: copy %.1f GB/s, %.1f Gflop/s, closest point %.0f ns, ray %.0f ns\n"
-               "  %-12s %-18s %12s %12s %12s %8s\n",
+               "  %-12s %-18s %12s %12s %12s %8s  %s\n",
                2e-9 / machine.byte, 1e-9 / machine.flop, 1e9 * machine.closest, 1e9 * machine.ray,
-               "stage", "unit of work", "units", "ns per unit", "limit ns", "times");
+               "stage", "unit of work", "units", "ns per unit", "limit ns", "times",
+               "what else it does");
         for (pc_stage stage = 0; stage < PC_STAGE_COUNT; ++stage) {
             const work w = stage_work(stage, &asset, &machine);
             // One spring waits for the one before.
             const double least = w.least / (stage == PC_STAGE_SIMULATE ? 1.0 : threads);
             const double each = timings.seconds[stage] / w.count;
-            printf("  %-12s %-18s %12.0f %12.2f", pc_stage_describe(stage)->name, w.unit, w.count,
-                   1e9 * each);
-            printf(least > 0.0 ? " %12.2f %8.1f\n" : "            -        -\n", 1e9 * least,
-                   each / least);
+            printf("  %-12s %-18s %12.0f %12.2f %12.2f %8.1f  %s\n", pc_stage_describe(stage)->name,
+                   w.unit, w.count, 1e9 * each, 1e9 * least, each / least,
+                   each > FARTHEST * least ? w.besides : "");
         }
         putchar('\n');
     }

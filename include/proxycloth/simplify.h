@@ -20,8 +20,9 @@
 ///   narrower still is widened, by at most .7 edge lengths.
 /// - Where the proxy crosses itself it is pushed apart; then vertices move alone and together, and
 ///   edges flip, to the nearest state without crossings and angles below 20 degrees. Where that
-///   fails, other clusters are tried, up to eight times (`attempts`), and the best proxy is kept.
-///   What is left is in `self_intersections`.
+///   fails, or a vertex of the single layer is left half a wanted edge length away, as where two
+///   sides of a leg have fallen together, other clusters are tried, up to eight times (`attempts`),
+///   and the best proxy is kept. What is left is in `self_intersections`.
 ///
 /// Density map: an artist may paint where the proxy needs more vertices into a channel of the
 /// visual mesh's vertex colors. Value c at the nearest point of the visual mesh makes wanted edges

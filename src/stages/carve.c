@@ -367,8 +367,9 @@ static pc_status try_tailoring(pci_scratch *scratch, const pc_mesh *surface, con
         status = measure(scratch, surface, &sewn, cell_size, &other);
     }
     double before = 0.0, after = 0.0;
-    if (status == PC_OK && (!measure_boundary(scratch->context, layer, &before) ||
-                            !measure_boundary(scratch->context, &sewn, &after))) {
+    if (status == PC_OK && sewn.triangle_count > 0 &&
+        (!measure_boundary(scratch->context, layer, &before) ||
+         !measure_boundary(scratch->context, &sewn, &after))) {
         status = pci_fail_memory(scratch->context, stage);
     }
     if (status == PC_OK && other.components == report->components &&

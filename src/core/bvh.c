@@ -354,6 +354,11 @@ static double distance2_to(const pc_mesh *mesh, uint32_t t, const double point[3
                                          corner(mesh, t, 2), barycentric);
 }
 
+static bool is_within(const pc_mesh *mesh, uint32_t t, const double point[3], double radius) {
+    double barycentric[3];
+    return sqrt(distance2_to(mesh, t, point, barycentric)) <= radius;
+}
+
 bool pci_triangle_within(const pc_mesh *mesh, size_t t, const double point[3], double radius) {
     const double *corners[3] = {corner(mesh, t, 0), corner(mesh, t, 1), corner(mesh, t, 2)};
     for (size_t k = 0; k < 3; ++k) {
@@ -364,9 +369,7 @@ bool pci_triangle_within(const pc_mesh *mesh, size_t t, const double point[3], d
             return false;
         }
     }
-    double barycentric[3];
-    return sqrt(pci_triangle_squared_distance(point, corners[0], corners[1], corners[2],
-                                              barycentric)) <= radius;
+    return is_within(mesh, (uint32_t)t, point, radius);
 }
 
 typedef struct closest_query {
@@ -518,14 +521,10 @@ typedef struct within_query {
     uint32_t found; // PC_INVALID_INDEX: none so far
 } within_query;
 
-static bool is_within(const within_query *query, uint32_t triangle) {
-    double barycentric[3];
-    return sqrt(distance2_to(query->mesh, triangle, query->point, barycentric)) <= query->radius;
-}
-
 static bool visit_until_found(struct RTCPointQueryFunctionArguments *arguments) {
     within_query *query = arguments->userPtr;
-    if (query->found != PC_INVALID_INDEX || !is_within(query, arguments->primID)) {
+    if (query->found != PC_INVALID_INDEX ||
+        !is_within(query->mesh, arguments->primID, query->point, query->radius)) {
         return false;
     }
     query->found = arguments->primID;
@@ -540,7 +539,7 @@ bool pci_bvh_within(const pci_bvh *bvh, const double point[3], double radius) {
 
 bool pci_bvh_within_near(const pci_bvh *bvh, const double point[3], double radius, uint32_t *hint) {
     within_query query = {bvh->mesh, point, radius, PC_INVALID_INDEX};
-    if (*hint != PC_INVALID_INDEX && is_within(&query, *hint)) {
+    if (*hint != PC_INVALID_INDEX && is_within(bvh->mesh, *hint, point, radius)) {
         return true;
     }
     double slack = 0.0;

@@ -296,8 +296,7 @@ pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface, const pc
     return status;
 }
 
-// ---- evaluation, deformation
-// ---------------------------------------------------------------------
+// ---- evaluation, deformation --------------------------------------------------------------------
 
 pc_status pc_skin_evaluate(pc_context *context, const pc_mesh *surface, const pc_mesh *proxy,
                            const pc_motion *motion, const pc_skin *skin,

@@ -92,24 +92,19 @@ static void survives_a_lack_of_memory(void **state) {
     (void)state;
     counting_allocator counter = {0};
     pc_context *context = counting_context(&counter);
-    const size_t live = counter.live;
-    pc_status status = PC_ERROR_OUT_OF_MEMORY;
-    size_t failures = 0;
-    for (; status != PC_OK; ++failures) {
+    starvation s = {.counter = &counter};
+    while (starves(&s)) {
         counter.fail_at = 0;
         pc_mesh tube = test_hemmed_tube(context, 0.03);
         bool peeled = false;
         pci_scratch scratch = pci_scratch_begin(context);
-        counter.calls = 0;
-        counter.fail_at = failures + 1;
-        status = pci_peel_linings(&scratch, "test", 0.05, &tube, &peeled);
-        assert_true(status == PC_OK || status == PC_ERROR_OUT_OF_MEMORY);
-        assert_true(peeled == (status == PC_OK));
+        fail_allocation(&counter, s.number);
+        s.status = pci_peel_linings(&scratch, "test", 0.05, &tube, &peeled);
+        assert_true(peeled == (s.status == PC_OK));
         pci_scratch_end(&scratch);
         pc_mesh_free(context, &tube);
-        assert_int_equal(counter.live, live);
     }
-    assert_true(failures > 15);
+    assert_true(s.failures > 15);
     pc_context_destroy(context);
     assert_int_equal(counter.live, 0);
 }

@@ -98,24 +98,19 @@ static void survives_a_lack_of_memory(void **state) {
     (void)state;
     counting_allocator counter = {0};
     pc_context *context = counting_context(&counter);
-    const size_t live = counter.live;
-    pc_status status = PC_ERROR_OUT_OF_MEMORY;
-    size_t failures = 0;
-    for (; status != PC_OK; ++failures) {
+    starvation s = {.counter = &counter};
+    while (starves(&s)) {
         counter.fail_at = 0;
         pc_mesh mesh = outfit(context, 0.05, true);
         bool sewn = false;
         pci_scratch scratch = pci_scratch_begin(context);
-        counter.calls = 0;
-        counter.fail_at = failures + 1;
-        status = pci_sew_parts(&scratch, "test", 0.2, &mesh, &sewn);
-        assert_true(status == PC_OK || status == PC_ERROR_OUT_OF_MEMORY);
-        assert_true(sewn == (status == PC_OK));
+        fail_allocation(&counter, s.number);
+        s.status = pci_sew_parts(&scratch, "test", 0.2, &mesh, &sewn);
+        assert_true(sewn == (s.status == PC_OK));
         pci_scratch_end(&scratch);
         pc_mesh_free(context, &mesh);
-        assert_int_equal(counter.live, live);
     }
-    assert_true(failures > 15);
+    assert_true(s.failures > 15);
     pc_context_destroy(context);
     assert_int_equal(counter.live, 0);
 }

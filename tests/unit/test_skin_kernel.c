@@ -1,9 +1,7 @@
 #include "support/test.h"
 
 #include "core/knn.h"
-#include "support/memory.h"
 #include "support/skin_fixture.h"
-#include "support/surfaces.h"
 
 static double norm_of(const double *x, size_t count) {
     double sum = 0.0;

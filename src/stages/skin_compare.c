@@ -35,7 +35,7 @@ static void displace(const compare_job *job, const double *maps, size_t v, doubl
 // The closest point, which the proxy's displacements move.
 static void displace_closest(const compare_job *job, size_t frame, size_t v, double u[3]) {
     const pci_skin_problem *p = &job->fit->problem;
-    const pci_closest *closest = &job->fit->closest[v];
+    const pci_place *closest = &job->fit->closest[v];
     const uint32_t *corners = &job->fit->proxy->triangles[3 * (size_t)closest->triangle];
     u[0] = u[1] = u[2] = 0.0;
     for (size_t c = 0; c < 3; ++c) {

@@ -201,7 +201,7 @@ pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *f, pc_skin_repo
 static void hold_pinned(const pci_skin_fit *f, uint32_t *allowed) {
     const uint32_t slots = f->problem.slots;
     for (size_t v = 0; v < f->problem.vertex_count && f->pinned != NULL; ++v) {
-        const pci_closest *closest = &f->closest[v];
+        const pci_place *closest = &f->closest[v];
         const uint32_t *corners = &f->proxy->triangles[3 * (size_t)closest->triangle];
         bool held = true;
         for (size_t c = 0; c < 3; ++c) {
@@ -250,20 +250,21 @@ static void merge_rows(pc_skin *skin, size_t v, const pc_skin *closest) {
 }
 
 pc_status pci_skin_follow_proxy(pc_context *context, const pc_mesh *surface, const pc_mesh *proxy,
-                                pc_skin *followed) {
+                                const pci_place *closest, pc_skin *followed) {
+    pc_skin points = {0};
     pc_status status =
-        pc_skin_heat_smoothed(context, surface, proxy, FOLLOWED_INFLUENCES, followed);
-    if (status == PC_ERROR_NUMERICAL) { // hardly any area conducts heat
-        return pc_skin_closest_triangle(context, surface, proxy, followed);
-    }
-    pc_skin closest = {0};
+        pci_skin_follow_points(context, proxy, surface->vertex_count, closest, &points);
     if (status == PC_OK) {
-        status = pc_skin_closest_triangle(context, surface, proxy, &closest);
+        status = pci_skin_smooth(context, surface, proxy, &points, FOLLOWED_INFLUENCES, followed);
+        if (status == PC_ERROR_NUMERICAL) { // hardly any area conducts heat
+            *followed = points;
+            return PC_OK;
+        }
     }
     for (size_t v = 0; v < surface->vertex_count && status == PC_OK; ++v) {
-        merge_rows(followed, v, &closest);
+        merge_rows(followed, v, &points);
     }
-    pc_skin_free(context, &closest);
+    pc_skin_free(context, &points);
     if (status == PC_OK && !pci_skin_scale_rows(followed)) {
         status = pci_fail(context, PC_ERROR_NUMERICAL, stage,
                           "skin: the closest points left the finite numbers");

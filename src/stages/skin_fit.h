@@ -2,9 +2,9 @@
 #ifndef PCI_SKIN_FIT_H
 #define PCI_SKIN_FIT_H
 
-#include "core/bvh.h"
 #include "proxycloth/skin.h"
 #include "stages/skin_alternate.h"
+#include "stages/weight_rows.h"
 
 enum { PCI_SKIN_CANDIDATES_MAX = 32 };
 
@@ -14,7 +14,7 @@ typedef struct pci_skin_fit {
     const pc_mesh *surface, *proxy;
     const uint8_t *pinned; // of the proxy, or NULL
     pci_skin_problem problem;
-    pci_closest *closest;  // #V, points on the proxy
+    pci_place *closest;    // #V, points on the proxy
     pc_skin followed;      // see pci_skin_follow_proxy; empty with AdamW
     uint32_t *bones;       // #V by slots
     double *weights;       // #V by slots, rows of any sum
@@ -29,11 +29,12 @@ typedef struct pci_skin_fit {
 // keep lengths as it does; smoothed, they have no kinks at the proxy's edges or jumps from layer to
 // layer that L_r would have to fight.
 PC_NODISCARD pc_status pci_skin_follow_proxy(pc_context *context, const pc_mesh *surface,
-                                             const pc_mesh *proxy, pc_skin *followed);
+                                             const pc_mesh *proxy, const pci_place *closest,
+                                             pc_skin *followed);
 
 // Candidates and first guess, #V by slots; `followed` or NULL. False: out of memory.
 bool pci_skin_find_candidates(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *proxy,
-                              const pci_closest *closest, const pc_skin *followed, uint32_t slots,
+                              const pci_place *closest, const pc_skin *followed, uint32_t slots,
                               uint32_t *bones, double *weights);
 
 // Optimises and cuts to the influences of the result; fills the losses of the report.

@@ -12,7 +12,6 @@
 #include "core/topology.h"
 #include "stages/skin_alternate.h"
 #include "stages/skin_fit.h"
-#include "stages/weight_rows.h"
 #include "support/garment.h"
 #include "support/peak.h"
 
@@ -117,7 +116,7 @@ static void set_motion(const pc_asset *asset, const pc_skin *skin, pci_skin_prob
 
 // The default solver on the paper's energy, all candidates.
 static bool alternate(pci_scratch *scratch, const pc_asset *asset, const pci_skin_problem *problem,
-                      pci_closest *closest, uint32_t rounds, pc_skin *skin) {
+                      pci_place *closest, uint32_t rounds, pc_skin *skin) {
     const double lambda[4] = {1.0, 1.0, 0.1, 0.0};
     const pci_skin_kernel *kernel = pci_skin_kernel_float();
     pc_skin_options options;
@@ -165,7 +164,7 @@ static bool run_paper(bench *b, const char *name, uint32_t batch, uint32_t steps
     pc_skin skin = {.vertex_count = nv, .influences = SLOTS};
     skin.bones = PCI_SCRATCH(&scratch, uint32_t, SLOTS * nv);
     skin.weights = PCI_SCRATCH(&scratch, double, SLOTS *nv);
-    pci_closest *closest = PCI_SCRATCH(&scratch, pci_closest, nv);
+    pci_place *closest = PCI_SCRATCH(&scratch, pci_place, nv);
     bool good = !scratch.failed && pci_skin_problem_build(&scratch, surface, SLOTS, &problem) &&
                 pci_closest_points(b->context, "skin", surface, &asset->proxy, closest) == PC_OK &&
                 pci_skin_find_candidates(&scratch, surface, &asset->proxy, closest, NULL, SLOTS,

@@ -771,7 +771,9 @@ static void what_is_followed_is_the_mean(void **state) {
     fixture f;
     load_fixture("dress796", 1, &f);
     pc_skin followed = {0}, closest = {0}, smoothed = {0};
-    assert_ok(f.context, pci_skin_follow_proxy(f.context, &f.visual, &f.proxy, &followed));
+    pci_place *points = PCI_SCRATCH(&f.scratch, pci_place, f.visual.vertex_count);
+    assert_ok(f.context, pci_closest_points(f.context, "skin", &f.visual, &f.proxy, points));
+    assert_ok(f.context, pci_skin_follow_proxy(f.context, &f.visual, &f.proxy, points, &followed));
     assert_ok(f.context, pc_skin_closest_triangle(f.context, &f.visual, &f.proxy, &closest));
     assert_ok(f.context, pc_skin_heat_smoothed(f.context, &f.visual, &f.proxy, followed.influences,
                                                &smoothed));

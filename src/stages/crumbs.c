@@ -27,7 +27,7 @@ static bool find_components(pci_scratch *scratch, const pc_mesh *mesh, uint32_t 
                             double **areas, size_t *count) {
     pci_topology topology;
     *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
-    if (scratch->failed || !pci_topology_build_watched(scratch, mesh, &topology)) {
+    if (scratch->failed || !pci_topology_build_edges(scratch, mesh, &topology)) {
         return false;
     }
     *count = pci_triangle_components(scratch, mesh, &topology, *component);

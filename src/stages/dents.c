@@ -59,7 +59,7 @@ bool pci_keep_dents(pci_scratch *scratch, const pc_mesh *projected, const pci_kn
     pci_knn borders;
     uint32_t *of = PCI_SCRATCH(scratch, uint32_t, triangles);
     piece *pieces = PCI_SCRATCH(scratch, piece, triangles);
-    if (scratch->failed || !pci_topology_build_watched(scratch, projected, &topology)) {
+    if (scratch->failed || !pci_topology_build_edges(scratch, projected, &topology)) {
         return false;
     }
     double *points = PCI_SCRATCH(scratch, double, 3 * topology.edge_count);

@@ -34,9 +34,9 @@ static const demands of_membranes = {1.0, 1.2, 9, 0.5}, of_candidates = {2.0, 1.
 // rim than so many voxels.
 static const double widest = 3.0;
 // The second pass looks so far around what the first one found, in voxels. Of regions that are
-// smaller than this, in squared voxels, few points tell how they are framed: edges there become
-// half as long.
-static const double beyond = 0.5, small = 1.0;
+// smaller than a disc two voxels wide, in squared voxels, few points tell how they are framed:
+// edges there become half as long.
+static const double beyond = 0.5, small = 3.2;
 // The distance where nobody asks: no triangle is refined for it.
 static const double out_of_focus = -1e30;
 // Membranes that are tested for holding the layer together.

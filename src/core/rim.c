@@ -237,7 +237,7 @@ pc_status pci_rim_points(pci_scratch *scratch, const char *stage, const pci_bvh 
     pci_topology topology;
     void *candidates = NULL;
     size_t candidate_count = 0, capacity = 0;
-    if (!pci_topology_build(scratch, mesh, &topology)) {
+    if (!pci_topology_build_edges(scratch, mesh, &topology)) {
         return pci_fail_memory(scratch->context, stage);
     }
     for (size_t e = 0; e < topology.edge_count; ++e) {

@@ -104,7 +104,7 @@ static pc_status measure(pci_scratch *scratch, const pc_mesh *surface, const pc_
     uint32_t *loops = NULL;
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
     uint32_t *covered = PCI_SCRATCH(scratch, uint32_t, surface->vertex_count / grain + 1);
-    if (scratch->failed || !pci_topology_build(scratch, mesh, &topology) ||
+    if (scratch->failed || !pci_topology_build_edges(scratch, mesh, &topology) ||
         !pci_boundary_loops(scratch, mesh, &topology, &loop_count, &offsets, &loops)) {
         return pci_fail_memory(context, stage);
     }
@@ -337,7 +337,7 @@ static pc_status take_visual(pci_scratch *scratch, const pc_mesh *surface, const
 static bool measure_boundary(pc_context *context, const pc_mesh *mesh, double *length) {
     pci_scratch scratch = pci_scratch_begin(context);
     pci_topology topology;
-    const bool good = pci_topology_build(&scratch, mesh, &topology);
+    const bool good = pci_topology_build_edges(&scratch, mesh, &topology);
     *length = 0.0;
     for (size_t e = 0; good && e < topology.edge_count; ++e) {
         if (topology.edge_triangle_offsets[e + 1] - topology.edge_triangle_offsets[e] == 1) {

@@ -120,7 +120,7 @@ static bool drop_unaffordable(pci_scratch *scratch, pc_mesh *layer, size_t verti
                               uint64_t *dropped) {
     pci_topology topology;
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
-    if (component == NULL || !pci_topology_build_watched(scratch, layer, &topology)) {
+    if (component == NULL || !pci_topology_build_edges(scratch, layer, &topology)) {
         return false;
     }
     const size_t count = pci_triangle_components(scratch, layer, &topology, component);
@@ -271,7 +271,7 @@ static pc_status measure(pci_scratch *scratch, const pc_mesh *mesh, size_t wante
     size_t loop_count = 0, *offsets = NULL;
     uint32_t *loops = NULL;
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
-    if (scratch->failed || !pci_topology_build(scratch, mesh, &topology) ||
+    if (scratch->failed || !pci_topology_build_edges(scratch, mesh, &topology) ||
         !pci_boundary_loops(scratch, mesh, &topology, &loop_count, &offsets, &loops)) {
         return pci_fail_memory(scratch->context, stage);
     }

@@ -118,33 +118,41 @@ static void fills_short_holes_only(void **state) {
     pc_context_destroy(context);
 }
 
-// A crumb beside the sheet is dropped, and so is one far from it that lies on the same cloth; a
-// loose part of the garment is not.
+// A crumb beside the sheet is dropped, and so is one far from it that lies on the same cloth, or is
+// little of another one; a loose part of the garment is not.
 static void drops_small_parts(void **state) {
     (void)state;
     pc_context *context = test_context(1);
     pc_mesh big = test_sheet(context, 10, 10, 1.0, 1.0),
             long_sheet = test_sheet(context, 40, 10, 4.0, 1.0),
             small = test_sheet(context, 4, 4, 0.2, 0.2);
+    const pc_mesh none = {0};
     const double near[3] = {1.05, 0.0, 0.0}, far[3] = {3.0, 0.0, 0.0};
     const struct {
         const double *offset;
         double smallest_part;
-        bool loose; // the visual mesh has two components, too
+        const pc_mesh *second; // component of the visual mesh; NULL: one long sheet
         size_t kept;
-    } cases[] = {
-        {near, 0.05, true, 1}, {near, 0.03, true, 2}, {far, 0.05, true, 2}, {far, 0.05, false, 1}};
-    for (size_t i = 0; i < 4; ++i) {
+    } cases[] = {{near, 0.05, &small, 1},
+                 {near, 0.03, &small, 2},
+                 {far, 0.05, &small, 2},
+                 {far, 0.05, NULL, 1},
+                 {far, 0.05, &big, 1}};
+    for (size_t i = 0; i < 5; ++i) {
         pc_mesh both = test_union(context, &big, &small, cases[i].offset), layer = {0};
+        const pc_mesh *second = cases[i].second;
+        pc_mesh visual = test_union(context, second != NULL ? &big : &long_sheet,
+                                    second != NULL ? second : &none, cases[i].offset);
         pc_labels labels = make_labels(context, both.vertex_count, 1);
         pc_carve_options options = labels_only();
         pc_carve_report report = {0};
         options.smallest_part = cases[i].smallest_part;
-        assert_ok(context, pc_carve(context, cases[i].loose ? &both : &long_sheet, &both, &labels,
-                                    0.2, &options, &layer, &report));
+        assert_ok(context,
+                  pc_carve(context, &visual, &both, &labels, 0.2, &options, &layer, &report));
         check_layer(context, &layer, &report);
         assert_int_equal(report.components, cases[i].kept);
         assert_int_equal(report.dropped_parts, 2 - cases[i].kept);
+        pc_mesh_free(context, &visual);
         pc_mesh_free(context, &layer);
         pc_labels_free(context, &labels);
         pc_mesh_free(context, &both);

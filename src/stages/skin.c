@@ -281,7 +281,7 @@ pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface, const pc
     }
     if (status == PC_OK) {
         status = chosen.solver == PC_SKIN_ADAMW ? pci_skin_fit_adamw(&scratch, &f, &r)
-                                                : pci_skin_fit_alternate(&scratch, &f, &r);
+                                                : pci_skin_fit_alternate(&f, &r);
     }
     if (status == PC_OK) {
         status = write_result(&scratch, &f, surface->vertex_count, rows, skin, &r);
@@ -325,7 +325,7 @@ pc_status pc_skin_evaluate(pc_context *context, const pc_mesh *surface, const pc
         problem.slots = skin->influences;
         problem.bones = skin->bones;
         status = pci_skin_measure(context, &problem, pci_skin_kernel_double(), skin->weights,
-                                  &measures, NULL);
+                                  &measures);
     }
     if (status == PC_OK) {
         const pc_skin_losses result = {.rigid = measures.losses[0],

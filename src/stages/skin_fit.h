@@ -38,15 +38,13 @@ bool pci_skin_find_candidates(pci_scratch *scratch, const pc_mesh *surface, cons
                               uint32_t *bones, double *weights);
 
 // Optimises and cuts to the influences of the result; fills the losses of the report.
-PC_NODISCARD pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *fit,
-                                              pc_skin_report *report);
+PC_NODISCARD pc_status pci_skin_fit_alternate(pci_skin_fit *fit, pc_skin_report *report);
 PC_NODISCARD pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *fit,
                                           pc_skin_report *report);
 
 // Takes from smaller problems how the weights change that vary slowly. `rounds` (in and out): of
 // what is left to do with all candidates; more where there is no smaller problem.
-PC_NODISCARD pc_status pci_skin_start_from_coarse(pci_skin_fit *fit,
-                                                  const pci_skin_gram grams[PCI_SKIN_LEVELS],
+PC_NODISCARD pc_status pci_skin_start_from_coarse(pci_skin_fit *fit, pci_skin_gram *gram,
                                                   uint32_t *rounds);
 
 #endif

@@ -125,7 +125,7 @@ static bool alternate(pci_scratch *scratch, const pc_asset *asset, const pci_ski
     options.rounds = rounds;
     options.round_gain = 0.0;
     uint32_t left = rounds;
-    pci_skin_gram grams[PCI_SKIN_LEVELS];
+    pci_skin_gram gram;
     pci_skin_alternation alternation;
     pci_skin_fit fit = {.context = scratch->context,
                         .options = &options,
@@ -139,9 +139,9 @@ static bool alternate(pci_scratch *scratch, const pc_asset *asset, const pci_ski
                         .follow_share = 1.0};
     const bool good = pc_skin_closest_triangle(scratch->context, fit.surface, fit.proxy,
                                                &fit.followed) == PC_OK &&
-                      pci_skin_grams_build(scratch, problem, kernel, 0.0, grams) &&
-                      pci_skin_start_from_coarse(&fit, grams, &left) == PC_OK &&
-                      pci_skin_alternation_build(scratch, problem, kernel, grams, &alternation) &&
+                      pci_skin_gram_build(scratch, problem, kernel, 0.0, &gram) &&
+                      pci_skin_start_from_coarse(&fit, &gram, &left) == PC_OK &&
+                      pci_skin_alternation_build(scratch, problem, kernel, &gram, &alternation) &&
                       pci_skin_alternation_weigh(scratch, &alternation, lambda, 0.0) &&
                       pci_skin_alternation_run(&alternation, rounds, 0.0, false, 0.0, 1.0,
                                                skin->weights) == PC_OK;
@@ -212,17 +212,16 @@ static bool run_kernel(bench *b) {
         good =
             pci_skin_frames_build_sequential(&scratch, &problem, pci_skin_kernel_float(), &frames);
     }
-    pci_skin_sums *sums =
-        good ? PCI_SCRATCH(&scratch, pci_skin_sums, frames.patch_count * frames.block_count) : NULL;
+    pci_skin_measures *measures =
+        good ? PCI_SCRATCH(&scratch, pci_skin_measures, frames.patch_count) : NULL;
     double best[3] = {INFINITY, INFINITY, INFINITY};
-    for (size_t i = 0; i < 60 && sums != NULL; ++i) {
+    for (size_t i = 0; i < 60 && measures != NULL; ++i) {
         for (size_t x = 0; x < 4; ++x) {
             frames.data.scale[x] = x < 3 || i % 3 == 2 ? 1.0 : 0.0;
         }
-        pci_skin_frames_set_weights(&frames, skin->weights);
         const double start = cpu_seconds();
-        good = pci_skin_frames_evaluate(&frames, 0, frames.block_count, 1, true,
-                                        i % 3 == 0 ? NULL : sums);
+        good = pci_skin_frames_evaluate(&frames, skin->weights, 0, frames.block_count, 1, true,
+                                        i % 3 == 0 ? NULL : measures);
         const double seconds = cpu_seconds() - start;
         best[i % 3] = seconds < best[i % 3] ? seconds : best[i % 3];
     }
@@ -231,7 +230,7 @@ static bool run_kernel(bench *b) {
         "  one evaluation, ns per vertex and frame: gradient %.1f, and losses %.1f, and L_s %.1f\n",
         best[0] * scale, best[1] * scale, best[2] * scale);
     pci_scratch_end(&scratch);
-    return good && sums != NULL;
+    return good && measures != NULL;
 }
 
 static bool run_stage(bench *b, const char *name, const pc_skin_options *options) {

@@ -8,8 +8,10 @@
 /// Shallow strips of the outside that the labels leave out (nowhere farther than 3 voxels from
 /// their border, a quarter of which is farther than 1.5 voxels from all rims of the garment), as
 /// beneath the hem of a layer that hangs over another, are kept as well.
-/// A loop is a hole only if its part has twice the area of a disc of that circumference; the outer
-/// rim of a small part is never closed.
+/// Where the labels keep both sides of a sheet (a tenth of the area or more lies back to back
+/// within half a voxel), the smaller side is cut off along the hem. A loop is a hole only if its
+/// part has twice the area of a disc of that circumference; the outer rim of a small part is never
+/// closed.
 ///
 /// DEVIATION: cloth that is modelled with its thickness, a closed shell of two skins up to four
 /// voxels apart with a rim between them, counts as its outer skin (the larger one). Components that

@@ -9,6 +9,7 @@
 #include "stages/crumbs.h"
 #include "stages/dents.h"
 #include "stages/folds.h"
+#include "stages/lining.h"
 #include "stages/loops.h"
 #include "stages/outline.h"
 #include "stages/visual_layer.h"
@@ -75,6 +76,10 @@ static const double loose_voxels = 2.0;
 // Radius of the ball that tells rims from surfaces, in voxels: narrower than openings of note.
 static const double rim_radius = 0.5;
 static const double rim_spacing = 0.25; // in voxels
+// Labels that change sides along a sheet, as where another layer hides half of it, keep both sides
+// of the rest, within so many voxels of each other; less than this share of the area is noise at
+// hems.
+static const double both_sides_reach = 0.5, least_both_sides = 0.1;
 // Pieces of parallel loops.
 enum { grain = 256 };
 
@@ -313,6 +318,11 @@ static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *surface, co
     if (status == PC_OK) {
         status = extract(scratch, cloth, visual, &rims, projected, labels, cell_size, options,
                          layer, report);
+    }
+    if (status == PC_OK) {
+        bool peeled = false;
+        status = pci_peel_linings(scratch, stage, both_sides_reach * cell_size, least_both_sides,
+                                  layer, &peeled);
     }
     if (status == PC_OK && options->snap_border) {
         status = pci_snap_border(scratch->context, stage, cloth, visual, cell_size, layer);

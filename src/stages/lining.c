@@ -290,6 +290,19 @@ static bool cut(const lining *l, uint8_t *keep, pc_mesh *kept) {
     return true;
 }
 
+// The share of the area that has a ply behind or before it.
+static double doubled_share(const lining *l) {
+    double total = 0.0, doubled = 0.0;
+    for (size_t t = 0; t < l->mesh->triangle_count; ++t) {
+        const double area = pci_triangle_area(l->mesh, t);
+        const bool alone =
+            l->mates[2 * t] == PC_INVALID_INDEX && l->mates[2 * t + 1] == PC_INVALID_INDEX;
+        total += area;
+        doubled += alone ? 0.0 : area;
+    }
+    return total > 0.0 ? doubled / total : 0.0;
+}
+
 // Chooses what goes, and cuts it off.
 static pc_status peel(lining *l, const char *stage, pc_mesh *kept) {
     pc_context *context = l->scratch->context;
@@ -311,8 +324,8 @@ static pc_status peel(lining *l, const char *stage, pc_mesh *kept) {
                                                                 : pci_fail_memory(context, stage);
 }
 
-pc_status pci_peel_linings(pci_scratch *scratch, const char *stage, double reach, pc_mesh *mesh,
-                           bool *peeled) {
+pc_status pci_peel_linings(pci_scratch *scratch, const char *stage, double reach,
+                           double least_share, pc_mesh *mesh, bool *peeled) {
     pc_context *context = scratch->context;
     lining l = {.scratch = scratch, .mesh = mesh, .reach = reach};
     pci_bvh *bvh = NULL;
@@ -333,7 +346,13 @@ pc_status pci_peel_linings(pci_scratch *scratch, const char *stage, double reach
     const bool done =
         pci_parallel_while_wanted(context, mesh->triangle_count, grain, find_mates, &l);
     pci_bvh_destroy(context, bvh);
-    status = done ? peel(&l, stage, &kept) : pci_fail_memory(context, stage);
+    if (!done) {
+        return pci_fail_memory(context, stage);
+    }
+    if (doubled_share(&l) < least_share) {
+        return PC_OK;
+    }
+    status = peel(&l, stage, &kept);
     *peeled = status == PC_OK && kept.triangle_count > 0;
     if (*peeled) {
         pc_mesh_free(context, mesh);

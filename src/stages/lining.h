@@ -10,8 +10,9 @@
 // along the fold between them; the larger side stays. The mesh is manifold and stays so. `peeled`
 // tells whether it changed. Where a cut would give other components, boundary loops or Euler
 // numbers, or run through flat cloth, two sides of the garment lie there (a flat sleeve), and stay.
+// Nothing goes where less than `least_share` of the area lies so.
 // PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
 PC_NODISCARD pc_status pci_peel_linings(pci_scratch *scratch, const char *stage, double reach,
-                                        pc_mesh *mesh, bool *peeled);
+                                        double least_share, pc_mesh *mesh, bool *peeled);
 
 #endif

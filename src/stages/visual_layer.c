@@ -216,7 +216,7 @@ static pc_status try_peeling(pci_scratch *scratch, const char *stage, const pc_m
     pc_mesh rest = {0};
     pci_layering without = PCI_LAYERED;
     pc_status status = pci_mesh_compact(scratch, layer, NULL, &rest, NULL)
-                           ? pci_peel_linings(scratch, stage, cell_size, &rest, &peeled)
+                           ? pci_peel_linings(scratch, stage, cell_size, 0.0, &rest, &peeled)
                            : pci_fail_memory(scratch->context, stage);
     if (status == PC_OK && peeled) {
         status = measure(scratch, stage, surface, &rest, thickness, cell_size, reach, least_covered,

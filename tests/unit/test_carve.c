@@ -177,6 +177,39 @@ static void drops_small_parts(void **state) {
     pc_context_destroy(context);
 }
 
+// A tube whose upper half is labelled inside and whose lower half both inside and outside: one side
+// stays.
+static void keeps_one_side_of_a_sheet(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh skin = test_grid(context, 48, 32, true, true), layer = {0};
+    pc_mesh tube = test_tube(context, 48, 16, 0.5, 1.0);
+    pc_labels labels = make_labels(context, skin.vertex_count, 1);
+    for (size_t v = 0; v < skin.vertex_count; ++v) {
+        double *p = &skin.positions[3 * v];
+        const double turn = 6.283185307179586 * p[0], around = 6.283185307179586 * p[1];
+        const double radius = 0.5 + 0.01 * cos(around);
+        labels.labels[v] = cos(around) < 0.0 || sin(around) < 0.0;
+        p[0] = radius * cos(turn), p[1] = 0.5 + 0.5 * sin(around), p[2] = radius * sin(turn);
+    }
+    const pc_carve_options options = labels_only();
+    pc_carve_report report = {0};
+    assert_ok(context, pc_carve(context, &tube, &skin, &labels, 0.05, &options, &layer, &report));
+    check_layer(context, &layer, &report);
+    assert_int_equal(report.components, 1);
+    assert_int_equal(report.boundary_loops, 2);
+    double area = 0.0;
+    for (size_t t = 0; t < layer.triangle_count; ++t) {
+        area += pci_triangle_area(&layer, t);
+    }
+    assert_close(area, 3.14159, 0.2);
+    pc_mesh_free(context, &layer);
+    pc_labels_free(context, &labels);
+    pc_mesh_free(context, &tube);
+    pc_mesh_free(context, &skin);
+    pc_context_destroy(context);
+}
+
 static void survives_random_labels(void **state) {
     (void)state;
     pc_context *context = test_context(2);
@@ -617,6 +650,7 @@ int main(void) {
         cmocka_unit_test(keeps_triangles_with_two_labels),
         cmocka_unit_test(fills_short_holes_only),
         cmocka_unit_test(drops_small_parts),
+        cmocka_unit_test(keeps_one_side_of_a_sheet),
         cmocka_unit_test(survives_random_labels),
         cmocka_unit_test(carves_the_gap_between_sheets),
         cmocka_unit_test(opens_narrow_tubes),

@@ -10,6 +10,10 @@
 ///   (link condition), instead of removing non-manifold triangles afterwards. The proxy has the
 ///   components, boundary loops and Euler number of the single layer by construction.
 /// - Clusters get smaller around narrow parts (`narrow_refinement`).
+/// - A tube behind an opening, such as a sleeve or a leg, that is three to five clusters around is
+///   mapped conformally to a cylinder and gets rings of equally many clusters, one straight behind
+///   the other, instead of clusters that wind around it in zigzag: a prism with the opening as its
+///   first ring. It ends where its circumference begins to grow fast, as at an armpit or a crotch.
 /// - Vertices leave the centroids: they slide and edges flip towards even triangles, border
 ///   vertices stay on the border and its corners, then the faces are fitted to the single layer
 ///   and it to them, with weight on the largest distances; no vertex goes farther than .15 wanted

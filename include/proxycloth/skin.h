@@ -64,8 +64,9 @@
 /// the frames, about 32 of them evenly spread, the last ones all.
 ///
 /// Time: about 20 ns per vertex, frame seen and round or epoch on one core, in float, and 2.5 us
-/// per vertex and round. Memory: about 1.5 kB per vertex, 12 B per proxy vertex and frame, and 16 B
-/// per pair of proxy vertices. With rotations the last two are 4 and 16 times as much.
+/// per vertex and round. Memory: about 1.1 kB per vertex with 4 influences and 1.4 kB with 8, 0.2 MB
+/// per thread, 0.8 kB per proxy vertex and 8 B per pair of those, with rotations 4 and 16 times as
+/// much.
 ///
 /// Postconditions: weights >= 0, each row sums to 1 within 1e-12, rows sorted by falling weight.
 #ifndef PROXYCLOTH_SKIN_H

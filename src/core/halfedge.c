@@ -61,7 +61,7 @@ bool pci_halfedge_build(pci_scratch *scratch, const pc_mesh *mesh, pci_halfedge 
     result->scratch = scratch;
     pci_topology topology;
     if (!pci_halfedge_reserve(result, mesh->vertex_count, mesh->triangle_count) ||
-        !pci_topology_build(scratch, mesh, &topology)) {
+        !pci_topology_build_edges(scratch, mesh, &topology)) {
         return false;
     }
     result->vertex_count = mesh->vertex_count;

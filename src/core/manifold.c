@@ -352,7 +352,7 @@ bool pci_mesh_repair(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *k
     r.triangles = PCI_SCRATCH(scratch, uint32_t, 3 * nf);
     fan_edge *edges = PCI_SCRATCH(scratch, fan_edge, 3 * nf);
     if (scratch->failed || !drop_degenerate(&r, keep) ||
-        !pci_topology_build_watched(scratch, mesh, &r.topology)) {
+        !pci_topology_build_edges(scratch, mesh, &r.topology)) {
         return false;
     }
     // A removal can free a better pairing, so everything else is decided anew.

@@ -16,18 +16,25 @@ typedef struct queue {
 static void queue_push(queue *q, uint32_t item) {
     if (!q->member[item]) {
         q->member[item] = 1;
-        q->nodes[(q->head + q->count) % q->size] = item;
-        ++q->count;
+        const size_t at = q->head + q->count++;
+        q->nodes[at < q->size ? at : at - q->size] = item;
     }
 }
 
 static uint32_t queue_pop(queue *q) {
     const uint32_t item = q->nodes[q->head];
-    q->head = (q->head + 1) % q->size;
+    q->head = q->head + 1 < q->size ? q->head + 1 : 0;
     --q->count;
     q->member[item] = 0;
     return item;
 }
+
+// An arc as its tail sees it. All that a search asks lies together, in the order of the tails.
+typedef struct flow_arc {
+    uint32_t head;
+    uint32_t mate;   // the same arc as its head sees it
+    int64_t out, in; // capacities from the tail to the head and back
+} flow_arc;
 
 typedef struct flow_node {
     uint64_t stamp;  // `distance` is known to be right at this time
@@ -40,46 +47,45 @@ typedef struct flow_node {
 typedef struct search {
     const pci_flow_network *net;
     flow_node *nodes;
+    flow_arc *arcs; // node v's are arcs[net->offsets[v] .. net->offsets[v + 1])
     uint64_t time;
     queue active, orphans;
     int64_t flow;
 } search;
 
-// Capacity of `arc` in the direction in which flow passes when arc's tail is nearer the source
-// (tree SOURCE) or nearer the sink (tree SINK).
-static int64_t growth(const search *s, uint8_t tree, uint32_t arc) {
-    return s->net->capacities[tree == SOURCE ? arc : arc ^ 1u];
+// Capacity of an arc in the direction in which flow passes when its tail is nearer the source (tree
+// SOURCE) or nearer the sink (tree SINK).
+static int64_t growth(uint8_t tree, const flow_arc *arc) {
+    return tree == SOURCE ? arc->out : arc->in;
 }
 
 // Grows the trees until they touch; returns the arc from the source tree to the sink tree, or
 // NO_ARC.
 static uint32_t grow(search *s) {
-    const pci_flow_network *net = s->net;
+    const size_t *offsets = s->net->offsets;
     while (s->active.count != 0) {
         const uint32_t p = s->active.nodes[s->active.head];
-        const uint8_t tree = s->nodes[p].tree;
-        for (size_t k = net->offsets[p]; tree != FREE && k < net->offsets[p + 1]; ++k) {
-            const uint32_t arc = net->arcs[k];
-            if (growth(s, tree, arc) == 0) {
+        const flow_node from = s->nodes[p];
+        for (size_t k = offsets[p]; from.tree != FREE && k < offsets[p + 1]; ++k) {
+            const flow_arc *arc = &s->arcs[k];
+            if (growth(from.tree, arc) == 0) {
                 continue;
             }
-            const uint32_t q = net->heads[arc];
-            if (s->nodes[q].tree == FREE) {
-                s->nodes[q].tree = tree;
-                s->nodes[q].parent = arc ^ 1u;
-                s->nodes[q].above = p;
-                s->nodes[q].stamp = s->nodes[p].stamp;
-                s->nodes[q].distance = s->nodes[p].distance + 1;
-                queue_push(&s->active, q);
-            } else if (s->nodes[q].tree != tree) {
-                return tree == SOURCE ? arc : arc ^ 1u;
-            } else if (s->nodes[q].stamp <= s->nodes[p].stamp &&
-                       s->nodes[q].distance > s->nodes[p].distance + 1) {
-                // A shorter way to the root.
-                s->nodes[q].parent = arc ^ 1u;
-                s->nodes[q].above = p;
-                s->nodes[q].stamp = s->nodes[p].stamp;
-                s->nodes[q].distance = s->nodes[p].distance + 1;
+            flow_node *q = &s->nodes[arc->head];
+            const bool is_free = q->tree == FREE;
+            if (!is_free && q->tree != from.tree) {
+                return from.tree == SOURCE ? (uint32_t)k : arc->mate;
+            }
+            // A free node, or a shorter way to the root.
+            if (is_free || (q->stamp <= from.stamp && q->distance > from.distance + 1)) {
+                *q = (flow_node){.stamp = from.stamp,
+                                 .parent = arc->mate,
+                                 .above = p,
+                                 .distance = from.distance + 1,
+                                 .tree = from.tree};
+            }
+            if (is_free) {
+                queue_push(&s->active, arc->head);
             }
         }
         queue_pop(&s->active);
@@ -92,36 +98,41 @@ static void make_orphan(search *s, uint32_t node) {
     queue_push(&s->orphans, node);
 }
 
+// Pushes flow along an arc, or back; returns what is left of the capacity.
+static int64_t push(search *s, uint32_t k, bool back, int64_t amount) {
+    flow_arc *arc = &s->arcs[k], *mate = &s->arcs[arc->mate];
+    arc->out -= back ? -amount : amount;
+    arc->in += back ? -amount : amount;
+    mate->out = arc->in;
+    mate->in = arc->out;
+    return back ? arc->in : arc->out;
+}
+
 // Pushes flow along the path through `bridge`; saturated tree arcs leave orphans.
 static void augment(search *s, uint32_t bridge) {
-    const pci_flow_network *net = s->net;
-    int64_t *cap = net->capacities;
-    const uint32_t ends[2] = {net->heads[bridge ^ 1u], net->heads[bridge]};
-    int64_t amount = cap[bridge];
+    int64_t *terminals = s->net->terminals;
+    const uint32_t ends[2] = {s->arcs[s->arcs[bridge].mate].head, s->arcs[bridge].head};
+    int64_t amount = s->arcs[bridge].out;
     for (uint32_t side = 0; side < 2; ++side) {
         uint32_t v = ends[side];
         for (; s->nodes[v].parent != TERMINAL; v = s->nodes[v].above) {
-            const int64_t room = cap[s->nodes[v].parent ^ (side == 0)];
+            const flow_arc *arc = &s->arcs[s->nodes[v].parent];
+            const int64_t room = side == 0 ? arc->in : arc->out;
             amount = room < amount ? room : amount;
         }
-        const int64_t room = side == 0 ? net->terminals[v] : -net->terminals[v];
+        const int64_t room = side == 0 ? terminals[v] : -terminals[v];
         amount = room < amount ? room : amount;
     }
-    cap[bridge] -= amount;
-    cap[bridge ^ 1u] += amount;
+    push(s, bridge, false, amount);
     for (uint32_t side = 0; side < 2; ++side) {
         uint32_t v = ends[side];
-        while (s->nodes[v].parent != TERMINAL) {
-            const uint32_t forward = s->nodes[v].parent ^ (side == 0);
-            cap[forward] -= amount;
-            cap[forward ^ 1u] += amount;
-            if (cap[forward] == 0) {
+        for (; s->nodes[v].parent != TERMINAL; v = s->nodes[v].above) {
+            if (push(s, s->nodes[v].parent, side == 0, amount) == 0) {
                 make_orphan(s, v);
             }
-            v = s->nodes[v].above;
         }
-        net->terminals[v] += side == 0 ? -amount : amount;
-        if (net->terminals[v] == 0) {
+        terminals[v] += side == 0 ? -amount : amount;
+        if (terminals[v] == 0) {
             make_orphan(s, v);
         }
     }
@@ -158,44 +169,65 @@ static uint32_t root_distance(search *s, uint32_t node) {
 }
 
 static void adopt(search *s, uint32_t orphan) {
-    const pci_flow_network *net = s->net;
-    const uint8_t tree = s->nodes[orphan].tree;
+    const size_t begin = s->net->offsets[orphan], end = s->net->offsets[orphan + 1];
+    const uint8_t tree = s->nodes[orphan].tree, other = tree == SOURCE ? SINK : SOURCE;
     uint32_t best = NO_ARC, best_distance = UINT32_MAX;
-    for (size_t k = net->offsets[orphan]; k < net->offsets[orphan + 1]; ++k) {
-        const uint32_t arc = net->arcs[k];
-        const uint32_t q = net->heads[arc];
-        if (s->nodes[q].tree == tree && growth(s, tree, arc ^ 1u) != 0) {
-            const uint32_t distance = root_distance(s, q);
+    for (size_t k = begin; k < end; ++k) {
+        const flow_arc *arc = &s->arcs[k];
+        if (s->nodes[arc->head].tree == tree && growth(other, arc) != 0) {
+            const uint32_t distance = root_distance(s, arc->head);
             if (distance < best_distance) {
-                best = arc;
+                best = (uint32_t)k;
                 best_distance = distance;
             }
         }
     }
     if (best != NO_ARC) {
-        s->nodes[orphan].parent = best;
-        s->nodes[orphan].above = net->heads[best];
-        s->nodes[orphan].stamp = s->time;
-        s->nodes[orphan].distance = best_distance + 1;
+        s->nodes[orphan] = (flow_node){.stamp = s->time,
+                                       .parent = best,
+                                       .above = s->arcs[best].head,
+                                       .distance = best_distance + 1,
+                                       .tree = tree};
         return;
     }
     // No parent left: the node becomes free, its children orphans, and the neighbours that could
     // reach it active.
     s->nodes[orphan].tree = FREE;
     s->nodes[orphan].parent = NO_PARENT;
-    for (size_t k = net->offsets[orphan]; k < net->offsets[orphan + 1]; ++k) {
-        const uint32_t arc = net->arcs[k];
-        const uint32_t q = net->heads[arc];
-        if (s->nodes[q].tree != tree) {
+    for (size_t k = begin; k < end; ++k) {
+        const flow_arc *arc = &s->arcs[k];
+        const flow_node *q = &s->nodes[arc->head];
+        if (q->tree != tree) {
             continue;
         }
-        if (growth(s, tree, arc ^ 1u) != 0) {
-            queue_push(&s->active, q);
+        if (growth(other, arc) != 0) {
+            queue_push(&s->active, arc->head);
         }
-        if (s->nodes[q].parent < ORPHAN && s->nodes[q].above == orphan) {
-            make_orphan(s, q);
+        if (q->parent < ORPHAN && q->above == orphan) {
+            make_orphan(s, arc->head);
         }
     }
+}
+
+// Copies the network to where the search wants it.
+static bool gather_arcs(pci_scratch *scratch, search *s) {
+    const pci_flow_network *net = s->net;
+    uint32_t *places = PCI_SCRATCH(scratch, uint32_t, net->arc_count);
+    s->arcs = PCI_SCRATCH(scratch, flow_arc, net->arc_count);
+    if (scratch->failed) {
+        return false;
+    }
+    for (size_t k = 0; k < net->arc_count; ++k) {
+        places[net->arcs[k]] = (uint32_t)k;
+    }
+    for (size_t k = 0; k < net->arc_count; ++k) {
+        const uint32_t arc = net->arcs[k];
+        s->arcs[k] = (flow_arc){.head = net->heads[arc],
+                                .mate = places[arc ^ 1u],
+                                .out = net->capacities[arc],
+                                .in = net->capacities[arc ^ 1u]};
+    }
+    return true;
 }
 
 bool pci_maxflow(pc_context *context, const pci_flow_network *network, int64_t *flow,
@@ -209,7 +241,7 @@ bool pci_maxflow(pc_context *context, const pci_flow_network *network, int64_t *
     s.orphans.nodes = PCI_SCRATCH(&scratch, uint32_t, n);
     s.orphans.member = PCI_SCRATCH(&scratch, uint8_t, n);
     s.active.size = s.orphans.size = n;
-    bool ok = !scratch.failed;
+    bool ok = gather_arcs(&scratch, &s);
     if (ok) {
         for (uint32_t v = 0; v < n; ++v) {
             s.nodes[v].parent = NO_PARENT;
@@ -228,6 +260,9 @@ bool pci_maxflow(pc_context *context, const pci_flow_network *network, int64_t *
             }
         }
         *flow = s.flow;
+        for (size_t k = 0; k < network->arc_count; ++k) {
+            network->capacities[network->arcs[k]] = s.arcs[k].out;
+        }
         for (size_t v = 0; v < n; ++v) {
             reachable[v] = s.nodes[v].tree == SOURCE;
         }

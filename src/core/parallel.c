@@ -6,7 +6,8 @@
 
 #include "core/context.h"
 
-// One job at a time: workers sleep until `generation` changes, then take pieces from `next_piece`.
+// One job at a time: workers sleep until `generation` changes, then join and take pieces from
+// `next_piece`. Who wakes when the pieces are gone is not waited for.
 struct pci_pool {
     uint32_t thread_count; // including the caller
     uint32_t started;
@@ -14,8 +15,8 @@ struct pci_pool {
     pthread_cond_t wake;
     pthread_cond_t done;
     uint64_t generation;
-    uint32_t running;
-    bool quit;
+    uint32_t joined;
+    bool open, quit; // whether there is a job to join
     size_t count, grain;
     pci_parallel_body body;
     void *user;
@@ -52,17 +53,18 @@ static void *worker_main(void *argument) {
     uint64_t seen = 0;
     pthread_mutex_lock(&pool->mutex);
     for (;;) {
-        while (!pool->quit && pool->generation == seen) {
+        while (!pool->quit && !(pool->open && pool->generation != seen)) {
             pthread_cond_wait(&pool->wake, &pool->mutex);
         }
         if (pool->quit) {
             break;
         }
         seen = pool->generation;
+        ++pool->joined;
         pthread_mutex_unlock(&pool->mutex);
         (void)run_pieces(pool, worker->index, NULL);
         pthread_mutex_lock(&pool->mutex);
-        if (--pool->running == 0) {
+        if (--pool->joined == 0) {
             pthread_cond_signal(&pool->done);
         }
     }
@@ -147,13 +149,14 @@ static bool run_loop(pc_context *context, size_t count, size_t grain, pci_parall
         return run_pieces(pool, 0, asked);
     }
     pthread_mutex_lock(&pool->mutex);
-    pool->running = pool->started;
+    pool->open = true;
     ++pool->generation;
     pthread_cond_broadcast(&pool->wake);
     pthread_mutex_unlock(&pool->mutex);
     const bool wanted = run_pieces(pool, 0, asked);
     pthread_mutex_lock(&pool->mutex);
-    while (pool->running != 0) {
+    pool->open = false;
+    while (pool->joined != 0) {
         pthread_cond_wait(&pool->done, &pool->mutex);
     }
     pthread_mutex_unlock(&pool->mutex);

@@ -174,23 +174,34 @@ static bool build(pci_scratch *scratch, const pc_mesh *mesh, bool watched, pci_t
     memset(topology, 0, sizeof(*topology));
     half_entry *entries = PCI_SCRATCH(&temporary, half_entry, 3 * mesh->triangle_count);
     size_t *offsets = PCI_SCRATCH(&temporary, size_t, mesh->vertex_count + 2);
-    bool good = !temporary.failed && sort_half_edges(context, mesh, watched, entries, offsets) &&
-                build_edges(scratch, mesh, entries, offsets, topology) &&
-                (!watched || pci_keep_going(context));
+    const bool good = !temporary.failed &&
+                      sort_half_edges(context, mesh, watched, entries, offsets) &&
+                      build_edges(scratch, mesh, entries, offsets, topology) &&
+                      (!watched || pci_keep_going(context));
     scratch->failed |= temporary.failed;
     pci_scratch_end(&temporary);
-    good = good && build_vertex_triangles(scratch, mesh, topology) &&
-           (!watched || pci_keep_going(context)) &&
-           build_rings(scratch, mesh->vertex_count, topology) &&
-           (!watched || pci_keep_going(context));
     return good;
 }
 
+static bool build_all(pci_scratch *scratch, const pc_mesh *mesh, bool watched,
+                      pci_topology *topology) {
+    pc_context *context = scratch->context;
+    return build(scratch, mesh, watched, topology) &&
+           build_vertex_triangles(scratch, mesh, topology) &&
+           (!watched || pci_keep_going(context)) &&
+           build_rings(scratch, mesh->vertex_count, topology) &&
+           (!watched || pci_keep_going(context));
+}
+
 bool pci_topology_build(pci_scratch *scratch, const pc_mesh *mesh, pci_topology *topology) {
-    return build(scratch, mesh, false, topology);
+    return build_all(scratch, mesh, false, topology);
 }
 
 bool pci_topology_build_watched(pci_scratch *scratch, const pc_mesh *mesh, pci_topology *topology) {
+    return build_all(scratch, mesh, true, topology);
+}
+
+bool pci_topology_build_edges(pci_scratch *scratch, const pc_mesh *mesh, pci_topology *topology) {
     return build(scratch, mesh, true, topology);
 }
 

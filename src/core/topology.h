@@ -23,6 +23,9 @@ bool pci_topology_build(pci_scratch *scratch, const pc_mesh *mesh, pci_topology 
 // For large meshes inside a stage: the same, but asks pci_keep_going. False: out of memory, or
 // cancelled; pci_fail_memory tells.
 bool pci_topology_build_watched(pci_scratch *scratch, const pc_mesh *mesh, pci_topology *topology);
+// The same without what belongs to vertices (`vertex_triangles`, `ring` and their offsets), which
+// is more than half of the work.
+bool pci_topology_build_edges(pci_scratch *scratch, const pc_mesh *mesh, pci_topology *topology);
 
 // Labels the connected components (shared edges) of triangles: component per triangle, #F. Returns
 // their number. Components are numbered by their first triangle.
@@ -55,8 +58,8 @@ bool pci_mesh_compact(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *
 // Area-weighted vertex normals, #V by 3, unit (or zero where undefined).
 void pci_vertex_normals(const pc_mesh *mesh, double *normals);
 
-// Coordinates beyond are refused: products of eight of them are still finite. Visual meshes may have
-// 1e30, and the grid around them reaches farther.
+// Coordinates beyond are refused: products of eight of them are still finite. Visual meshes may
+// have 1e30, and the grid around them reaches farther.
 #define PCI_FARTHEST 1e33
 
 // Whether a mesh has vertices and triangles, finite positions and indices in range; NULL has not.

@@ -51,19 +51,12 @@ static pc_status finish(pc_context *context, pc_status status, pc_skin *skin) {
     return status;
 }
 
-pc_status pc_skin_closest_triangle(pc_context *context, const pc_mesh *surface,
-                                   const pc_mesh *proxy, pc_skin *skin) {
-    pc_status status = check(context, surface, proxy, 3, skin);
-    if (status != PC_OK) {
-        return status;
+pc_status pci_skin_follow_points(pc_context *context, const pc_mesh *proxy, size_t count,
+                                 const pci_place *closest, pc_skin *skin) {
+    if (!pci_skin_allocate(context, count, 3, skin)) {
+        return finish(context, pci_fail_memory(context, stage), skin);
     }
-    const size_t nv = surface->vertex_count;
-    pci_scratch scratch = pci_scratch_begin(context);
-    pci_closest *closest = PCI_SCRATCH(&scratch, pci_closest, nv);
-    status = closest != NULL && pci_skin_allocate(context, nv, 3, skin)
-                 ? pci_closest_points(context, stage, surface, proxy, closest)
-                 : pci_fail_memory(context, stage);
-    for (size_t v = 0; status == PC_OK && v < nv; ++v) {
+    for (size_t v = 0; v < count; ++v) {
         uint32_t *bones = &skin->bones[3 * v];
         double *weights = &skin->weights[3 * v];
         for (size_t c = 0; c < 3; ++c) {
@@ -72,8 +65,23 @@ pc_status pc_skin_closest_triangle(pc_context *context, const pc_mesh *surface,
         }
         pci_skin_sort_row(bones, weights, 3);
     }
-    pci_scratch_end(&scratch);
-    return finish(context, status, skin);
+    return finish(context, PC_OK, skin);
+}
+
+pc_status pc_skin_closest_triangle(pc_context *context, const pc_mesh *surface,
+                                   const pc_mesh *proxy, pc_skin *skin) {
+    pc_status status = check(context, surface, proxy, 3, skin);
+    if (status != PC_OK) {
+        return status;
+    }
+    pci_place *closest = PCI_ALLOCATE(context, pci_place, surface->vertex_count);
+    status = closest != NULL ? pci_closest_points(context, stage, surface, proxy, closest)
+                             : pci_fail_memory(context, stage);
+    if (status == PC_OK) {
+        status = pci_skin_follow_points(context, proxy, surface->vertex_count, closest, skin);
+    }
+    pc_release(context, closest);
+    return status;
 }
 
 pc_status pc_skin_inverse_distance(pc_context *context, const pc_mesh *surface,
@@ -143,23 +151,19 @@ static void add_entry(const heat *h, uint32_t column, uint32_t row, double value
     h->values[at] += value;
 }
 
-static bool build_heat(pci_scratch *scratch, const pc_mesh *surface, double time, heat *h) {
+// The places of the entries: the diagonal, and the neighbours.
+static bool place_entries(pci_scratch *scratch, const pc_mesh *surface, heat *h) {
     const size_t nv = surface->vertex_count;
     pci_topology topology;
-    if (!pci_topology_build(scratch, surface, &topology)) {
-        return false;
-    }
-    const size_t entries = nv + topology.ring_offsets[nv];
-    h->offsets = PCI_SCRATCH(scratch, size_t, nv + 1);
-    h->rows = PCI_SCRATCH(scratch, uint32_t, entries);
-    h->values = PCI_SCRATCH(scratch, double, entries);
-    h->masses = PCI_SCRATCH(scratch, double, nv);
-    if (scratch->failed) {
-        return false;
+    pci_scratch local = pci_scratch_begin(scratch->context);
+    bool good = pci_topology_build(&local, surface, &topology);
+    if (good) {
+        h->offsets = PCI_SCRATCH(scratch, size_t, nv + 1);
+        h->rows = PCI_SCRATCH(scratch, uint32_t, nv + topology.ring_offsets[nv]);
+        good = !scratch->failed;
     }
     size_t next = 0;
-    for (size_t v = 0; v < nv; ++v) {
-        h->offsets[v] = next;
+    for (size_t v = 0; v < nv && good; ++v) {
         bool placed = false;
         for (size_t e = topology.ring_offsets[v]; e < topology.ring_offsets[v + 1]; ++e) {
             if (!placed && topology.ring[e] > v) {
@@ -171,8 +175,21 @@ static bool build_heat(pci_scratch *scratch, const pc_mesh *surface, double time
         if (!placed) {
             h->rows[next++] = (uint32_t)v;
         }
+        h->offsets[v + 1] = next;
     }
-    h->offsets[nv] = next;
+    pci_scratch_end(&local);
+    return good;
+}
+
+static bool build_heat(pci_scratch *scratch, const pc_mesh *surface, double time, heat *h) {
+    const size_t nv = surface->vertex_count;
+    if (!place_entries(scratch, surface, h)) {
+        return false;
+    }
+    h->values = PCI_SCRATCH(scratch, double, h->offsets[nv]);
+    if (scratch->failed) {
+        return false;
+    }
     double total = 0.0;
     for (size_t t = 0; t < surface->triangle_count; ++t) {
         const uint32_t *corner = &surface->triangles[3 * t];
@@ -198,22 +215,44 @@ static bool build_heat(pci_scratch *scratch, const pc_mesh *surface, double time
     return true;
 }
 
-// Lets the weights of `COLUMNS` proxy vertices flow at a time and keeps the largest of each row.
-static pc_status flow(pc_context *context, const heat *h, const pc_skin *closest,
-                      size_t proxy_count, pc_skin *skin) {
-    const size_t nv = skin->vertex_count;
-    pci_cholesky *cholesky = NULL;
+// How far heat flows: the time that belongs to the proxy's edges.
+static bool find_time(pc_context *context, const pc_mesh *proxy, double *time) {
     pci_scratch scratch = pci_scratch_begin(context);
-    double *columns = PCI_SCRATCH(&scratch, double, nv *COLUMNS);
-    pc_status status = columns == NULL ? pci_fail_memory(context, stage)
-                                       : pci_cholesky_create(context, stage, nv, h->offsets,
-                                                             h->rows, h->values, &cholesky);
+    pci_topology topology;
+    const bool good = pci_topology_build(&scratch, proxy, &topology);
+    if (good) {
+        const double reach = 0.25 * mean_edge_length(proxy, &topology);
+        *time = reach * reach;
+    }
+    pci_scratch_end(&scratch);
+    return good;
+}
+
+// M + t L, factorised, and M.
+static pc_status factorise_heat(pc_context *context, const pc_mesh *surface, double time,
+                                double *masses, pci_cholesky **cholesky) {
+    pci_scratch scratch = pci_scratch_begin(context);
+    heat h = {.masses = masses};
+    const pc_status status = build_heat(&scratch, surface, time, &h)
+                                 ? pci_cholesky_create(context, stage, surface->vertex_count,
+                                                       h.offsets, h.rows, h.values, cholesky)
+                                 : pci_fail_memory(context, stage);
+    pci_scratch_end(&scratch);
+    return status;
+}
+
+// Lets the weights of `COLUMNS` proxy vertices flow at a time and keeps the largest of each row.
+static pc_status flow(pc_context *context, const pci_cholesky *cholesky, const double *masses,
+                      const pc_skin *closest, size_t proxy_count, pc_skin *skin) {
+    const size_t nv = skin->vertex_count;
+    double *columns = PCI_ALLOCATE(context, double, nv *COLUMNS);
+    pc_status status = columns == NULL ? pci_fail_memory(context, stage) : PC_OK;
     for (size_t first = 0; first < proxy_count && status == PC_OK; first += COLUMNS) {
         memset(columns, 0, nv * COLUMNS * sizeof(*columns));
         for (size_t i = 0; i < 3 * nv; ++i) {
             if (closest->bones[i] >= first && closest->bones[i] < first + COLUMNS) {
                 columns[i / 3 * COLUMNS + closest->bones[i] - first] +=
-                    h->masses[i / 3] * closest->weights[i];
+                    masses[i / 3] * closest->weights[i];
             }
         }
         status = pci_progress(context, stage, (double)first / (double)proxy_count)
@@ -227,9 +266,26 @@ static pc_status flow(pc_context *context, const heat *h, const pc_skin *closest
             }
         }
     }
-    pci_cholesky_destroy(context, cholesky);
-    pci_scratch_end(&scratch);
+    pc_release(context, columns);
     return status;
+}
+
+pc_status pci_skin_smooth(pc_context *context, const pc_mesh *surface, const pc_mesh *proxy,
+                          const pc_skin *closest, uint32_t influences, pc_skin *skin) {
+    double time = 0.0;
+    double *masses = PCI_ALLOCATE(context, double, surface->vertex_count);
+    pci_cholesky *cholesky = NULL;
+    pc_status status = masses != NULL && find_time(context, proxy, &time)
+                           ? factorise_heat(context, surface, time, masses, &cholesky)
+                           : pci_fail_memory(context, stage);
+    if (status == PC_OK) {
+        status = pci_skin_allocate(context, surface->vertex_count, influences, skin)
+                     ? flow(context, cholesky, masses, closest, proxy->vertex_count, skin)
+                     : pci_fail_memory(context, stage);
+    }
+    pci_cholesky_destroy(context, cholesky);
+    pc_release(context, masses);
+    return finish(context, status, skin);
 }
 
 pc_status pc_skin_heat_smoothed(pc_context *context, const pc_mesh *surface, const pc_mesh *proxy,
@@ -239,21 +295,9 @@ pc_status pc_skin_heat_smoothed(pc_context *context, const pc_mesh *surface, con
     if (status == PC_OK) {
         status = pc_skin_closest_triangle(context, surface, proxy, &closest);
     }
-    if (status != PC_OK) {
-        return status;
+    if (status == PC_OK) {
+        status = pci_skin_smooth(context, surface, proxy, &closest, influences, skin);
     }
-    pci_scratch scratch = pci_scratch_begin(context);
-    pci_topology topology;
-    heat h = {0};
-    bool built = pci_topology_build(&scratch, proxy, &topology);
-    if (built) {
-        const double reach = 0.25 * mean_edge_length(proxy, &topology);
-        built = build_heat(&scratch, surface, reach * reach, &h) &&
-                pci_skin_allocate(context, surface->vertex_count, influences, skin);
-    }
-    status = built ? flow(context, &h, &closest, proxy->vertex_count, skin)
-                   : pci_fail_memory(context, stage);
-    pci_scratch_end(&scratch);
     pc_skin_free(context, &closest);
-    return finish(context, status, skin);
+    return status;
 }

@@ -4,8 +4,10 @@
 
 enum { grain = 256 };
 
-// Covering less of a component of the visual mesh is touching it by accident.
-static const double covered_share = 0.05;
+// Covering less of a component of the visual mesh is touching it by accident. Where all small parts
+// together cover less of it than this, they are what the labels left of a layer, and no loose
+// parts.
+static const double covered_share = 0.05, least_share = 0.25;
 
 typedef struct sorting {
     pci_scratch *scratch;
@@ -25,7 +27,7 @@ static bool find_components(pci_scratch *scratch, const pc_mesh *mesh, uint32_t 
                             double **areas, size_t *count) {
     pci_topology topology;
     *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
-    if (scratch->failed || !pci_topology_build_watched(scratch, mesh, &topology)) {
+    if (scratch->failed || !pci_topology_build_edges(scratch, mesh, &topology)) {
         return false;
     }
     *count = pci_triangle_components(scratch, mesh, &topology, *component);
@@ -49,18 +51,22 @@ static void find_homes(void *user, size_t begin, size_t end, uint32_t worker) {
 }
 
 // Marks the small parts that are mostly on components of the visual mesh which no large part
-// covers.
+// covers, but small parts do.
 static bool find_strangers(const sorting *s, size_t visual_count, uint8_t *stranger) {
     double *covered = PCI_SCRATCH(s->scratch, double, visual_count);
+    double *all = PCI_SCRATCH(s->scratch, double, visual_count);
     double *strange = PCI_SCRATCH(s->scratch, double, s->part_count);
     if (s->scratch->failed) {
         return false;
     }
     for (size_t t = 0; t < s->layer->triangle_count; ++t) {
-        covered[s->home[t]] += s->small[s->part[t]] ? 0.0 : pci_triangle_area(s->layer, t);
+        const double area = pci_triangle_area(s->layer, t);
+        covered[s->home[t]] += s->small[s->part[t]] ? 0.0 : area;
+        all[s->home[t]] += area;
     }
     for (size_t t = 0; t < s->layer->triangle_count; ++t) {
-        if (covered[s->home[t]] < covered_share * s->visual_areas[s->home[t]]) {
+        const double whole = s->visual_areas[s->home[t]];
+        if (covered[s->home[t]] < covered_share * whole && all[s->home[t]] >= least_share * whole) {
             strange[s->part[t]] += pci_triangle_area(s->layer, t);
         }
     }

@@ -46,7 +46,7 @@ static bool list_parts(hiding *h) {
     h->ranks = PCI_SCRATCH(h->scratch, uint32_t, triangles);
     h->order = PCI_SCRATCH(h->scratch, uint32_t, triangles);
     h->near = PCI_SCRATCH(h->scratch, uint32_t, h->mesh->vertex_count);
-    if (h->scratch->failed || !pci_topology_build(h->scratch, h->mesh, &topology)) {
+    if (h->scratch->failed || !pci_topology_build_edges(h->scratch, h->mesh, &topology)) {
         return false;
     }
     h->count = pci_triangle_components(h->scratch, h->mesh, &topology, h->ranks);

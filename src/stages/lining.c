@@ -153,7 +153,7 @@ static bool find_shape(pci_scratch *scratch, const pc_mesh *mesh, shape *found) 
     size_t *offsets = NULL;
     uint32_t *loops = NULL;
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
-    if (component == NULL || !pci_topology_build_watched(scratch, mesh, &topology) ||
+    if (component == NULL || !pci_topology_build_edges(scratch, mesh, &topology) ||
         !pci_boundary_loops(scratch, mesh, &topology, &found->loops, &offsets, &loops)) {
         return false;
     }
@@ -321,7 +321,7 @@ pc_status pci_peel_linings(pci_scratch *scratch, const char *stage, double reach
     l.component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
     l.normals = PCI_SCRATCH(scratch, double, 3 * mesh->triangle_count);
     l.mates = PCI_SCRATCH(scratch, uint32_t, 2 * mesh->triangle_count);
-    if (scratch->failed || !pci_topology_build_watched(scratch, mesh, &l.topology)) {
+    if (scratch->failed || !pci_topology_build_edges(scratch, mesh, &l.topology)) {
         return pci_fail_memory(context, stage);
     }
     l.component_count = pci_triangle_components(scratch, mesh, &l.topology, l.component);

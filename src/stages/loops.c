@@ -46,7 +46,7 @@ bool pci_fill_loops(pci_scratch *scratch, pc_mesh *mesh, size_t most_edges, doub
     size_t loop_count = 0, *offsets = NULL;
     uint32_t *loops = NULL;
     double *areas = NULL;
-    if (!pci_topology_build_watched(scratch, mesh, &topology) ||
+    if (!pci_topology_build_edges(scratch, mesh, &topology) ||
         !pci_boundary_loops(scratch, mesh, &topology, &loop_count, &offsets, &loops) ||
         !vertex_part_areas(scratch, mesh, &topology, &areas)) {
         return false;

@@ -29,12 +29,14 @@ typedef struct demands {
 // The distance hardly changes faster than the way, so edges of half the threshold cannot hide a
 // crossing that matters. Coarser ones tell where to look closer, with demands that leave room for
 // what they may miss.
-static const demands of_membranes = {0.5, 1.2, 9, 0.5}, of_candidates = {1.0, 1.0, 6, 0.75};
+static const demands of_membranes = {1.0, 1.2, 9, 0.5}, of_candidates = {2.0, 1.0, 3, 0.75};
 // The iso-surface closes openings up to two voxels wide; no part of a membrane is farther from the
 // rim than so many voxels.
 static const double widest = 3.0;
-// The second pass looks so far around what the first one found, in voxels.
-static const double beyond = 0.5;
+// The second pass looks so far around what the first one found, in voxels. Of regions that are
+// smaller than a disc two voxels wide, in squared voxels, few points tell how they are framed:
+// edges there become half as long.
+static const double beyond = 0.5, small = 3.2;
 // The distance where nobody asks: no triangle is refined for it.
 static const double out_of_focus = -1e30;
 // Membranes that are tested for holding the layer together.
@@ -44,13 +46,14 @@ static const double pi = 3.14159265358979323846;
 typedef struct outline {
     const pci_bvh *visual;
     const pci_knn *focus; // distances are measured within `reach` of these points; NULL: everywhere
+    const pci_knn *closer; // edges within `reach` of these become half as long; NULL: none
     double reach;
     pci_halfedge mesh;
     double *normals;   // #V by 3
     double *distances; // #V, beside the visual mesh, along the surface
     uint32_t *nearest; // #V, triangle of the visual mesh, or PC_INVALID_INDEX
-    uint8_t *settled;  // #F, nothing to refine here
-    size_t normal_capacity, distance_capacity, nearest_capacity, settled_capacity;
+    uint32_t *ends;    // #V by 2, of the edge that was split; of new vertices only
+    size_t normal_capacity, distance_capacity, nearest_capacity, end_capacity;
 } outline;
 
 // How far the nearest point of the visual mesh lies beside a point of the layer: the distance
@@ -78,9 +81,9 @@ static void measure_outline(void *user, size_t begin, size_t end, uint32_t worke
     }
 }
 
-static bool split_measured(outline *o, uint32_t h, double share, const double *known_distance) {
+// Splits an edge; the distance of the new vertex is not known yet. PC_INVALID_INDEX: out of memory.
+static uint32_t split_edge(outline *o, uint32_t h, double share) {
     const size_t a = pci_origin(&o->mesh, h), b = pci_target(&o->mesh, h);
-    const uint32_t twin = o->mesh.twins[h];
     double position[3], normal[3];
     for (size_t k = 0; k < 3; ++k) {
         position[k] = o->mesh.positions[3 * a + k] +
@@ -89,37 +92,33 @@ static bool split_measured(outline *o, uint32_t h, double share, const double *k
     }
     pci_normalize(normal);
     const uint32_t v = pci_split_edge(&o->mesh, h, position);
-    void *normals = o->normals, *distances = o->distances, *nearest = o->nearest;
-    void *settled = o->settled;
+    void *normals = o->normals, *distances = o->distances, *nearest = o->nearest, *ends = o->ends;
+    pci_scratch *scratch = o->mesh.scratch;
     if (v == PC_INVALID_INDEX ||
-        !pci_scratch_reserve(o->mesh.scratch, &normals, &o->normal_capacity, (size_t)v + 1,
+        !pci_scratch_reserve(scratch, &normals, &o->normal_capacity, (size_t)v + 1,
                              3 * sizeof(double)) ||
-        !pci_scratch_reserve(o->mesh.scratch, &distances, &o->distance_capacity, (size_t)v + 1,
+        !pci_scratch_reserve(scratch, &distances, &o->distance_capacity, (size_t)v + 1,
                              sizeof(double)) ||
-        !pci_scratch_reserve(o->mesh.scratch, &nearest, &o->nearest_capacity, (size_t)v + 1,
+        !pci_scratch_reserve(scratch, &nearest, &o->nearest_capacity, (size_t)v + 1,
                              sizeof(uint32_t)) ||
-        !pci_scratch_reserve(o->mesh.scratch, &settled, &o->settled_capacity,
-                             o->mesh.triangle_count, 1)) {
-        return false;
+        !pci_scratch_reserve(scratch, &ends, &o->end_capacity, (size_t)v + 1,
+                             2 * sizeof(uint32_t))) {
+        return PC_INVALID_INDEX;
     }
     o->normals = normals;
     o->distances = distances;
     o->nearest = nearest;
-    o->settled = settled;
-    o->settled[h / 3] = 0;
-    if (twin != PC_INVALID_INDEX) {
-        o->settled[twin / 3] = 0;
-    }
+    o->ends = ends;
     memcpy(&o->normals[3 * (size_t)v], normal, sizeof(normal));
     o->nearest[v] = o->nearest[a];
-    o->distances[v] = known_distance != NULL ? *known_distance
-                                             : distance_beside(o, position, normal, &o->nearest[v]);
-    return true;
+    o->ends[2 * (size_t)v] = (uint32_t)a;
+    o->ends[2 * (size_t)v + 1] = (uint32_t)b;
+    return v;
 }
 
-static double edge_length(const pci_halfedge *mesh, uint32_t h) {
-    return sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)pci_origin(mesh, h)],
-                                     &mesh->positions[3 * (size_t)pci_target(mesh, h)]));
+static double squared_length(const pci_halfedge *mesh, uint32_t h) {
+    return pci_squared_distance(&mesh->positions[3 * (size_t)pci_origin(mesh, h)],
+                                &mesh->positions[3 * (size_t)pci_target(mesh, h)]);
 }
 
 // The longest edge of a triangle; ties go to the smaller half-edge of the pair.
@@ -127,7 +126,7 @@ static uint32_t longest_edge(const pci_halfedge *mesh, uint32_t t) {
     uint32_t best = 3 * t;
     double length = -1.0;
     for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
-        const double candidate = edge_length(mesh, h);
+        const double candidate = squared_length(mesh, h);
         const uint32_t id = h < mesh->twins[h] ? h : mesh->twins[h];
         const uint32_t best_id = best < mesh->twins[best] ? best : mesh->twins[best];
         if (candidate > length || (candidate == length && id < best_id)) {
@@ -152,17 +151,90 @@ static uint32_t terminal_edge(const pci_halfedge *mesh, uint32_t t) {
     return h;
 }
 
+static bool lies_close(const outline *o, uint32_t t) {
+    double middle[3];
+    const pc_mesh surface = {o->mesh.vertex_count, o->mesh.positions, o->mesh.triangle_count,
+                             o->mesh.corners};
+    pci_triangle_middle(&surface, t, middle);
+    return o->closer != NULL && pci_knn_within(o->closer, middle, o->reach, NULL);
+}
+
 static bool needs_split(const outline *o, uint32_t t, double threshold, double shortest) {
     double nearest = INFINITY, farthest = -INFINITY;
     for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
-        nearest = fmin(nearest, o->distances[pci_origin(&o->mesh, h)]);
-        farthest = fmax(farthest, o->distances[pci_origin(&o->mesh, h)]);
+        const double distance = o->distances[pci_origin(&o->mesh, h)];
+        nearest = distance < nearest ? distance : nearest;
+        farthest = distance > farthest ? distance : farthest;
     }
     if (!(nearest < threshold && farthest > out_of_focus)) {
         return false;
     }
-    const double longest = edge_length(&o->mesh, longest_edge(&o->mesh, t));
-    return longest > shortest && farthest + 0.5 * longest > threshold;
+    const double longest = sqrt(squared_length(&o->mesh, longest_edge(&o->mesh, t)));
+    return farthest + 0.5 * longest > threshold &&
+           (longest > shortest || (longest > 0.5 * shortest && lies_close(o, t)));
+}
+
+// What a round of refinement works with. A triangle is asked again when it was split.
+enum { ASKED, SETTLED, SPLIT };
+typedef struct refinement {
+    outline *outline;
+    double threshold, shortest;
+    uint32_t first;  // vertex of this round
+    uint8_t *states; // #F
+    uint32_t *edges; // #F, to be split, or PC_INVALID_INDEX
+    size_t state_capacity, edge_capacity;
+} refinement;
+
+static void choose_edges(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const refinement *r = user;
+    for (size_t t = begin; t < end; ++t) {
+        r->edges[t] = PC_INVALID_INDEX;
+        if (r->states[t] == SETTLED) {
+            continue;
+        }
+        r->states[t] = SETTLED;
+        if (needs_split(r->outline, (uint32_t)t, r->threshold, r->shortest)) {
+            r->states[t] = ASKED;
+            r->edges[t] = terminal_edge(&r->outline->mesh, (uint32_t)t);
+        }
+    }
+}
+
+// Where several triangles chose the same edge the first one splits it.
+static bool split_chosen(refinement *r) {
+    outline *o = r->outline;
+    const pci_halfedge *mesh = &o->mesh;
+    const size_t count = mesh->triangle_count;
+    for (size_t t = 0; t < count; ++t) {
+        const uint32_t h = r->edges[t];
+        if (h == PC_INVALID_INDEX || r->states[h / 3] == SPLIT) {
+            continue;
+        }
+        const uint32_t twin = mesh->twins[h];
+        void *states = r->states;
+        if (split_edge(o, h, 0.5) == PC_INVALID_INDEX ||
+            !pci_scratch_reserve(mesh->scratch, &states, &r->state_capacity, mesh->triangle_count,
+                                 1)) {
+            return false;
+        }
+        r->states = states;
+        r->states[h / 3] = SPLIT;
+        if (twin != PC_INVALID_INDEX) {
+            r->states[twin / 3] = SPLIT;
+        }
+    }
+    return true;
+}
+
+static void measure_new(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const refinement *r = user;
+    outline *o = r->outline;
+    for (size_t v = r->first + begin; v < r->first + end; ++v) {
+        o->distances[v] =
+            distance_beside(o, &o->mesh.positions[3 * v], &o->normals[3 * v], &o->nearest[v]);
+    }
 }
 
 // Halves the longest edge of each triangle that may touch the outline until it is shorter than
@@ -170,25 +242,26 @@ static bool needs_split(const outline *o, uint32_t t, double threshold, double s
 static bool refine_outline(outline *o, double threshold, double shortest) {
     const pci_halfedge *mesh = &o->mesh;
     pc_context *context = mesh->scratch->context;
-    for (bool changed = true; changed;) {
-        changed = false;
-        for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
-            if (t % 4096 == 0 && !pci_keep_going(context)) {
-                return false;
-            }
-            if (o->settled[t]) {
-                continue;
-            }
-            if (!needs_split(o, t, threshold, shortest)) {
-                o->settled[t] = 1;
-                continue;
-            }
-            if (!split_measured(o, terminal_edge(mesh, t), 0.5, NULL)) {
-                return false;
-            }
-            changed = true;
+    refinement r = {.outline = o, .threshold = threshold, .shortest = shortest};
+    do {
+        void *states = r.states, *edges = r.edges;
+        if (!pci_scratch_reserve(mesh->scratch, &states, &r.state_capacity, mesh->triangle_count,
+                                 1) ||
+            !pci_scratch_reserve(mesh->scratch, &edges, &r.edge_capacity, mesh->triangle_count,
+                                 sizeof(*r.edges))) {
+            return false;
         }
-    }
+        r.states = states;
+        r.edges = edges;
+        r.first = (uint32_t)mesh->vertex_count;
+        if (!pci_parallel_while_wanted(context, mesh->triangle_count, 8 * grain, choose_edges,
+                                       &r) ||
+            !split_chosen(&r) ||
+            !pci_parallel_while_wanted(context, mesh->vertex_count - r.first, grain, measure_new,
+                                       &r)) {
+            return false;
+        }
+    } while (mesh->vertex_count > r.first);
     return true;
 }
 
@@ -203,9 +276,11 @@ static bool split_isoline(outline *o, double threshold) {
         const double b = o->distances[pci_target(&o->mesh, h)] - threshold;
         if ((a < 0.0 && b > 0.0) || (a > 0.0 && b < 0.0)) {
             const double share = fmin(fmax(a / (a - b), 0.05), 0.95);
-            if (!split_measured(o, h, share, &threshold)) {
+            const uint32_t v = split_edge(o, h, share);
+            if (v == PC_INVALID_INDEX) {
                 return false;
             }
+            o->distances[v] = threshold;
         }
     }
     return true;
@@ -540,6 +615,7 @@ typedef struct cutting {
     double threshold, cell_size;
     const demands *least;
     uint8_t *keep; // #F of the refined layer
+    uint32_t *of;  // #F, region, PC_INVALID_INDEX: none
     region *regions;
     size_t region_count;
 } cutting;
@@ -595,56 +671,111 @@ static bool choose_triangles(const outline *o, const uint32_t *of, cutting *c) {
 }
 
 // Refines the layer along the isoline, where points of `focus` are within `reach` (NULL:
-// everywhere), and decides what to keep by the demands of `c`.
-static bool find_regions(cutting *c, const pci_knn *focus, double reach, pci_scratch *scratch,
-                         const pc_mesh *layer, outline *o) {
+// everywhere), once more near points of `closer`, and decides what to keep by the demands of `c`.
+static bool find_regions(cutting *c, const pci_knn *focus, const pci_knn *closer, double reach,
+                         pci_scratch *scratch, const pc_mesh *layer, outline *o) {
     // Finer than an eighth of a voxel there is nothing to see, and a layer that runs near the
     // threshold everywhere would be refined everywhere.
     const double shortest = c->least->fineness * fmax(c->threshold, 0.25 * c->cell_size);
-    *o = (outline){.visual = c->visual, .focus = focus, .reach = reach};
+    *o = (outline){.visual = c->visual, .focus = focus, .closer = closer, .reach = reach};
     o->normals = PCI_SCRATCH(scratch, double, 3 * layer->vertex_count);
     o->distances = PCI_SCRATCH(scratch, double, layer->vertex_count);
     o->nearest = PCI_SCRATCH(scratch, uint32_t, layer->vertex_count);
-    o->settled = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
+    o->ends = PCI_SCRATCH(scratch, uint32_t, 2 * layer->vertex_count);
     if (scratch->failed || !pci_halfedge_build(scratch, layer, &o->mesh)) {
         return false;
     }
-    o->normal_capacity = o->distance_capacity = o->nearest_capacity = layer->vertex_count;
-    o->settled_capacity = layer->triangle_count;
+    o->normal_capacity = o->distance_capacity = layer->vertex_count;
+    o->nearest_capacity = o->end_capacity = layer->vertex_count;
     pci_vertex_normals(layer, o->normals);
     if (!pci_parallel_while_wanted(scratch->context, layer->vertex_count, grain, measure_outline,
                                    o) ||
         !refine_outline(o, c->threshold, shortest) || !split_isoline(o, c->threshold)) {
         return false;
     }
-    uint32_t *of = PCI_SCRATCH(scratch, uint32_t, o->mesh.triangle_count);
+    uint32_t *of = c->of = PCI_SCRATCH(scratch, uint32_t, o->mesh.triangle_count);
     return of != NULL && join_regions(o, c->threshold, of, &c->regions, &c->region_count) &&
            measure_extent(o, of, behind * c->cell_size, c->regions, c->region_count) &&
            measure_frame(o, c->rims, sag * c->cell_size, of, c->regions) &&
            choose_triangles(o, of, c);
 }
 
-// Lists the vertices of what is not kept. False: out of memory.
-static bool list_removed(pci_scratch *scratch, const outline *o, const cutting *c, double **points,
-                         size_t *count) {
+// The half-edge whose collapse undoes the split that made vertex v. PC_INVALID_INDEX: something has
+// changed around it since, or is cut away.
+static uint32_t undoing_edge(const outline *o, uint32_t v, const uint8_t *keep) {
+    const pci_halfedge *mesh = &o->mesh;
+    const uint32_t a = o->ends[2 * (size_t)v], b = o->ends[2 * (size_t)v + 1];
+    uint32_t spokes[4];
+    size_t count = 0;
+    PCI_FOR_OUTGOING(mesh, v, h) {
+        if (count == 4 || !keep[h / 3]) {
+            return PC_INVALID_INDEX;
+        }
+        spokes[count++] = h;
+    }
+    if (pci_is_border_vertex(mesh, v)) {
+        return count == 2 && pci_target(mesh, spokes[0]) == b &&
+                       mesh->corners[pci_previous(spokes[1])] == a
+                   ? spokes[0]
+                   : PC_INVALID_INDEX;
+    }
+    for (size_t i = 0; i < 4 && count == 4; ++i) {
+        if (pci_target(mesh, spokes[i]) == b && pci_target(mesh, spokes[(i + 2) % 4]) == a) {
+            return spokes[i];
+        }
+    }
+    return PC_INVALID_INDEX;
+}
+
+// What stays, as it was before the splits wherever nothing is cut away: triangles that were small
+// in order to look closely cost all that follows time. The outline is of no use afterwards.
+static bool take_kept(outline *o, size_t first, uint8_t *keep, pc_mesh *kept) {
+    pci_halfedge *mesh = &o->mesh;
+    for (uint32_t v = (uint32_t)mesh->vertex_count; v-- > first;) {
+        const uint32_t h = undoing_edge(o, v, keep);
+        if (h != PC_INVALID_INDEX && pci_can_collapse(mesh, h)) {
+            pci_collapse(mesh, h);
+        }
+    }
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        if (mesh->corners[3 * t] == PC_INVALID_INDEX) {
+            keep[t] = 0;
+            memset(&mesh->corners[3 * t], 0, 3 * sizeof(*mesh->corners));
+        }
+    }
+    const pc_mesh all = {mesh->vertex_count, mesh->positions, mesh->triangle_count, mesh->corners};
+    pc_mesh cut = {0};
+    pci_repair_counts counts;
+    const bool done = pci_mesh_compact(mesh->scratch, &all, keep, &cut, NULL) &&
+                      pci_mesh_repair(mesh->scratch, &cut, NULL, kept, &counts);
+    pc_mesh_free(mesh->scratch->context, &cut);
+    return done;
+}
+
+// Lists the vertices of what is not kept, or of the small regions among that. False: out of memory.
+static bool list_removed(pci_scratch *scratch, const outline *o, const cutting *c, bool small_ones,
+                         pci_knn *points) {
     const pci_halfedge *mesh = &o->mesh;
     uint8_t *listed = PCI_SCRATCH(mesh->scratch, uint8_t, mesh->vertex_count);
+    size_t count = 0, next = 0;
     if (listed == NULL) {
         return false;
     }
     for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
-        const uint32_t v = mesh->corners[i];
-        *count += !c->keep[i / 3] && !listed[v];
-        listed[v] |= !c->keep[i / 3];
+        uint8_t *at = &listed[mesh->corners[i]];
+        const bool wanted =
+            !c->keep[i / 3] &&
+            (!small_ones || c->regions[c->of[i / 3]].area < small * c->cell_size * c->cell_size);
+        count += wanted && !*at;
+        *at |= wanted;
     }
-    *points = PCI_SCRATCH(scratch, double, 3 * *count);
-    size_t next = 0;
-    for (size_t v = 0; *points != NULL && v < mesh->vertex_count; ++v) {
+    double *positions = PCI_SCRATCH(scratch, double, 3 * count);
+    for (size_t v = 0; positions != NULL && v < mesh->vertex_count; ++v) {
         if (listed[v]) {
-            memcpy(&(*points)[3 * next++], &mesh->positions[3 * v], 3 * sizeof(double));
+            memcpy(&positions[3 * next++], &mesh->positions[3 * v], 3 * sizeof(double));
         }
     }
-    return *points != NULL;
+    return positions != NULL && pci_knn_build(scratch, count, positions, points);
 }
 
 pc_status pci_cut_outline(pci_scratch *scratch, const char *stage, const pci_bvh *visual,
@@ -661,21 +792,20 @@ pc_status pci_cut_outline(pci_scratch *scratch, const char *stage, const pci_bvh
     outline o;
     // The first pass finds candidates, the second refines near them, decides and cuts.
     pci_scratch first = pci_scratch_begin(context);
-    double *points = NULL;
-    size_t point_count = 0;
-    const bool found = find_regions(&c, mode == PCI_OUTLINE_MEMBRANES ? rims : NULL,
+    pci_knn candidates, closer;
+    const bool found = find_regions(&c, mode == PCI_OUTLINE_MEMBRANES ? rims : NULL, NULL,
                                     widest * cell_size, &first, layer, &o) &&
-                       list_removed(scratch, &o, &c, &points, &point_count);
+                       list_removed(scratch, &o, &c, false, &candidates) &&
+                       list_removed(scratch, &o, &c, true, &closer);
     pci_scratch_end(&first);
-    pci_knn candidates;
-    if (!found || !pci_knn_build(scratch, point_count, points, &candidates)) {
+    if (!found) {
         return pci_fail_memory(context, stage);
     }
-    if (point_count == 0) {
+    if (candidates.point_count == 0) {
         return PC_OK;
     }
     c.least = &of_membranes;
-    if (!find_regions(&c, &candidates, beyond * cell_size, scratch, layer, &o)) {
+    if (!find_regions(&c, &candidates, &closer, beyond * cell_size, scratch, layer, &o)) {
         return pci_fail_memory(context, stage);
     }
     uint64_t removed = 0;
@@ -689,11 +819,8 @@ pc_status pci_cut_outline(pci_scratch *scratch, const char *stage, const pci_bvh
     for (size_t i = 0; i < c.region_count; ++i) {
         *removed_regions += !c.keep[c.regions[i].first];
     }
-    const pc_mesh cut = {o.mesh.vertex_count, o.mesh.positions, o.mesh.triangle_count,
-                         o.mesh.corners};
-    pci_repair_counts counts;
     pc_mesh kept = {0};
-    if (!pci_mesh_repair(scratch, &cut, c.keep, &kept, &counts)) {
+    if (!take_kept(&o, layer->vertex_count, c.keep, &kept)) {
         return pci_fail_memory(context, stage);
     }
     pc_mesh_free(context, layer);

@@ -302,7 +302,7 @@ pc_status pci_sew_parts(pci_scratch *scratch, const char *stage, double reach, p
     *sewn = false;
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
     uint8_t *covered = PCI_SCRATCH(scratch, uint8_t, mesh->triangle_count);
-    if (scratch->failed || !pci_topology_build_watched(scratch, mesh, &topology)) {
+    if (scratch->failed || !pci_topology_build_edges(scratch, mesh, &topology)) {
         return pci_fail_memory(context, stage);
     }
     const size_t parts = pci_triangle_components(scratch, mesh, &topology, component);

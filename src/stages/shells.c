@@ -75,7 +75,7 @@ static void look_behind(void *user, size_t begin, size_t end, uint32_t worker) {
 static bool measure_components(peeling *p) {
     const pc_mesh *mesh = p->mesh;
     p->component = PCI_SCRATCH(p->scratch, uint32_t, mesh->triangle_count);
-    if (p->component == NULL || !pci_topology_build(p->scratch, mesh, &p->topology)) {
+    if (p->component == NULL || !pci_topology_build_edges(p->scratch, mesh, &p->topology)) {
         return false;
     }
     p->component_count = pci_triangle_components(p->scratch, mesh, &p->topology, p->component);

@@ -121,7 +121,7 @@ static bool drop_unaffordable(pci_scratch *scratch, pc_mesh *layer, size_t verti
                               uint64_t *dropped) {
     pci_topology topology;
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
-    if (component == NULL || !pci_topology_build_watched(scratch, layer, &topology)) {
+    if (component == NULL || !pci_topology_build_edges(scratch, layer, &topology)) {
         return false;
     }
     const size_t count = pci_triangle_components(scratch, layer, &topology, component);
@@ -286,7 +286,7 @@ static pc_status measure(pci_scratch *scratch, const pc_mesh *mesh, size_t wante
     size_t loop_count = 0, *offsets = NULL;
     uint32_t *loops = NULL;
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
-    if (scratch->failed || !pci_topology_build(scratch, mesh, &topology) ||
+    if (scratch->failed || !pci_topology_build_edges(scratch, mesh, &topology) ||
         !pci_boundary_loops(scratch, mesh, &topology, &loop_count, &offsets, &loops)) {
         return pci_fail_memory(scratch->context, stage);
     }
@@ -433,7 +433,7 @@ static pc_status simplify_by_clusters(pc_context *context, pci_sampling *s,
     for (; i < attempts && status == PC_OK && (i == 0 || !is_flawless(&best)); ++i) {
         attempt next = {.report = *report};
         status = try_once(context, s, options, i, &next);
-        if (status == PC_OK && (i == 0 || is_better(&next, &best))) {
+        if (status == PC_OK && (i == 0 || is_flawless(&next) || is_better(&next, &best))) {
             const attempt swapped = best;
             best = next;
             next = swapped;

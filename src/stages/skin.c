@@ -187,28 +187,28 @@ static pc_status prepare(pci_scratch *scratch, const pc_mesh *surface, const pc_
     const uint32_t wanted = asked > o->influences ? asked : o->influences;
     const uint32_t slots = wanted < proxy->vertex_count ? wanted : (uint32_t)proxy->vertex_count;
     const size_t nv = surface->vertex_count;
-    if (!pci_skin_problem_build(scratch, surface, o->neighbours, &f->problem)) {
+    f->surface = surface;
+    f->proxy = proxy;
+    f->pinned = motion->pinned;
+    f->closest = PCI_SCRATCH(scratch, pci_place, nv);
+    pc_status status = f->closest != NULL
+                           ? pci_closest_points(f->context, stage, surface, proxy, f->closest)
+                           : pci_fail_memory(f->context, stage);
+    if (status == PC_OK && o->solver == PC_SKIN_ALTERNATE) {
+        status = pci_skin_follow_proxy(f->context, surface, proxy, f->closest, &f->followed);
+    }
+    if (status != PC_OK) {
+        return status;
+    }
+    // Only now: smoothing needs as much memory as all that follows.
+    f->bones = PCI_SCRATCH(scratch, uint32_t, nv * slots);
+    f->weights = PCI_SCRATCH(scratch, double, nv *slots);
+    if (scratch->failed || !pci_skin_problem_build(scratch, surface, o->neighbours, &f->problem)) {
         return pci_fail_memory(f->context, stage);
     }
     memcpy(f->paper_norms, f->problem.norms, sizeof(f->paper_norms));
     if (o->solver == PC_SKIN_ALTERNATE && o->equal_edges) {
         pci_skin_problem_equalize(&f->problem);
-    }
-    f->surface = surface;
-    f->proxy = proxy;
-    f->pinned = motion->pinned;
-    f->bones = PCI_SCRATCH(scratch, uint32_t, nv * slots);
-    f->weights = PCI_SCRATCH(scratch, double, nv *slots);
-    f->closest = PCI_SCRATCH(scratch, pci_closest, nv);
-    if (scratch->failed) {
-        return pci_fail_memory(f->context, stage);
-    }
-    pc_status status = pci_closest_points(f->context, stage, surface, proxy, f->closest);
-    if (status == PC_OK && o->solver == PC_SKIN_ALTERNATE) {
-        status = pci_skin_follow_proxy(f->context, surface, proxy, &f->followed);
-    }
-    if (status != PC_OK) {
-        return status;
     }
     if (!pci_skin_find_candidates(scratch, surface, proxy, f->closest,
                                   f->followed.weights != NULL ? &f->followed : NULL, slots,
@@ -281,7 +281,7 @@ pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface, const pc
     }
     if (status == PC_OK) {
         status = chosen.solver == PC_SKIN_ADAMW ? pci_skin_fit_adamw(&scratch, &f, &r)
-                                                : pci_skin_fit_alternate(&scratch, &f, &r);
+                                                : pci_skin_fit_alternate(&f, &r);
     }
     if (status == PC_OK) {
         status = write_result(&scratch, &f, surface->vertex_count, rows, skin, &r);
@@ -325,7 +325,7 @@ pc_status pc_skin_evaluate(pc_context *context, const pc_mesh *surface, const pc
         problem.slots = skin->influences;
         problem.bones = skin->bones;
         status = pci_skin_measure(context, &problem, pci_skin_kernel_double(), skin->weights,
-                                  &measures, NULL);
+                                  &measures);
     }
     if (status == PC_OK) {
         const pc_skin_losses result = {.rigid = measures.losses[0],

@@ -17,6 +17,7 @@ double pci_skin_normalize(const double *surrogate, uint32_t slots, double *weigh
 typedef struct descent {
     pci_skin_frames w;
     const pci_skin_descent *settings;
+    double *weights;                    // #V by slots
     double *surrogate, *first, *second; // #V by slots: s and the moments of its gradient
     // Of the running step:
     double rate;    // learning rate
@@ -26,7 +27,6 @@ typedef struct descent {
 // dL/dw -> dL/ds, one step of AdamW, new weights.
 static void update_row(descent *d, size_t v) {
     const uint32_t slots = d->w.problem->slots;
-    const pci_skin_kernel *kernel = d->w.kernel;
     const double beta[2] = {0.9, 0.999};
     double weights[PCI_SKIN_SLOTS_MAX], gradient[PCI_SKIN_SLOTS_MAX], mean = 0.0;
     double *s = &d->surrogate[v * slots];
@@ -44,10 +44,7 @@ static void update_row(descent *d, size_t v) {
         s[k] *= 1.0 - d->rate * d->settings->weight_decay;
         s[k] -= d->rate / d->bias[0] * *m / (sqrt(*n / d->bias[1]) + d->settings->epsilon);
     }
-    pci_skin_normalize(s, slots, weights);
-    for (size_t k = 0; k < slots; ++k) {
-        pci_skin_put(kernel, (void *)d->w.data.weights, v * slots + k, weights[k]);
-    }
+    pci_skin_normalize(s, slots, &d->weights[v * slots]);
 }
 
 static void update_rows(void *user, size_t begin, size_t end, uint32_t worker) {
@@ -103,7 +100,7 @@ static pc_status run_epochs(descent *d, size_t per_step, uint32_t *steps, size_t
             if (settings->decay) {
                 d->rate *= 0.5 * (1.0 + cos(3.141592653589793 * done / total));
             }
-            if (!pci_skin_frames_evaluate(w, begin, end, 1, true, NULL)) {
+            if (!pci_skin_frames_evaluate(w, d->weights, begin, end, 1, true, NULL)) {
                 return pci_fail_cancelled(w->context, stage);
             }
             pci_parallel_for(w->context, w->problem->vertex_count, 256, update_rows, d);
@@ -129,6 +126,7 @@ pc_status pci_skin_descend(pc_context *context, const pci_skin_problem *problem,
     uint32_t *order = PCI_SCRATCH(&scratch, uint32_t, problem->frame_count);
     uint32_t *frames = PCI_SCRATCH(&scratch, uint32_t, PCI_BLOCK * block_count);
     uint32_t *steps = PCI_SCRATCH(&scratch, uint32_t, step_count);
+    d.weights = PCI_SCRATCH(&scratch, double, count);
     d.first = PCI_SCRATCH(&scratch, double, count);
     d.second = PCI_SCRATCH(&scratch, double, count);
     pc_status status = PC_OK;
@@ -155,11 +153,8 @@ pc_status pci_skin_descend(pc_context *context, const pci_skin_problem *problem,
         goto cleanup;
     }
     for (size_t v = 0; v < nv; ++v) {
-        double weights[PCI_SKIN_SLOTS_MAX];
-        pci_skin_normalize(&surrogate[v * problem->slots], problem->slots, weights);
-        for (size_t k = 0; k < problem->slots; ++k) {
-            pci_skin_put(kernel, (void *)d.w.data.weights, v * problem->slots + k, weights[k]);
-        }
+        const size_t row = v * problem->slots;
+        pci_skin_normalize(&surrogate[row], problem->slots, &d.weights[row]);
     }
     status = run_epochs(&d, per_step, steps, step_count);
 

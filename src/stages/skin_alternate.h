@@ -11,46 +11,30 @@
 #define PCI_SKIN_ALTERNATE_H
 
 #include "proxycloth/skin.h"
-#include "stages/skin_frames.h"
+#include "stages/skin_gram.h"
 #include "stages/skin_quadratic.h"
-
-// Frames that a round looks at: every block, or some as a sample for most of the way.
-enum { PCI_SKIN_ALL, PCI_SKIN_SAMPLE, PCI_SKIN_LEVELS };
-
-// Of one proxy and its motion, for all problems that they drive.
-typedef struct pci_skin_gram {
-    size_t stride;  // of the blocks
-    double factor;  // all frames over those of the sample
-    double *matrix; // of the sample, times the factor; see pci_skin_quadratic
-    double noise;   // in the matrix, on the diagonal
-} pci_skin_gram;
-
-// `noise`: variance over the mean variance of the proxy's vertices. False: out of memory.
-bool pci_skin_grams_build(pci_scratch *scratch, const pci_skin_problem *problem,
-                          const pci_skin_kernel *kernel, double noise,
-                          pci_skin_gram grams[PCI_SKIN_LEVELS]);
 
 typedef struct pci_skin_alternation {
     pci_skin_frames frames;
     pci_skin_quadratic quadratic;
-    pci_skin_gram grams[PCI_SKIN_LEVELS];
-    float *targets[PCI_SKIN_LEVELS]; // #V by slots: G b of each, rows of the candidates
-    double scale[4];                 // of the losses
-    uint32_t *allowed;               // #V, see pci_skin_quadratic
-    double *follow;                  // #V: factor of L_f
-    const pc_skin *followed;         // b of L_f
-    double *pulls;                   // #threads by #P, 0 but while a row is in hand
-    double spacing;                  // of the proxy's vertices, squared
-    float *gradient, *last_gradient; // #V by slots
-    float *moved;                    // #V by slots: since the gradient was found
-    pci_skin_sums *sums;             // #patches by #blocks
-    uint32_t rounds;                 // so far
+    pci_skin_gram *gram;         // the caller's
+    pci_skin_level level;        // that the quadratic and the constants are for
+    double scale[4];             // of the losses
+    uint32_t *allowed;           // #V, see pci_skin_quadratic
+    double *follow;              // #V: factor of L_f
+    const pc_skin *followed;     // b of L_f
+    float *constants;            // #V by slots: what L_f and the noise add to the gradient with b
+    double *pulls;               // #threads by #P, 0 but while a row is in hand
+    double spacing;              // of the proxy's vertices, squared
+    float *gradient;             // #V by slots
+    float *moved;                // #V by slots: since the gradient was found
+    pci_skin_measures *measures; // #patches
+    uint32_t rounds;             // so far
 } pci_skin_alternation;
 
 // False: out of memory.
 bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *problem,
-                                const pci_skin_kernel *kernel,
-                                const pci_skin_gram grams[PCI_SKIN_LEVELS],
+                                const pci_skin_kernel *kernel, pci_skin_gram *gram,
                                 pci_skin_alternation *alternation);
 
 // What L_f follows: the displacements that other weights give, which stay the caller's.
@@ -70,8 +54,8 @@ PC_NODISCARD pc_status pci_skin_alternation_run(pci_skin_alternation *alternatio
                                                 double progress_end, double *weights);
 
 // The losses of any weights over all frames, or what those of the sample tell of them.
-PC_NODISCARD pc_status pci_skin_alternation_measure(pci_skin_alternation *alternation, size_t level,
-                                                    const double *weights,
+PC_NODISCARD pc_status pci_skin_alternation_measure(pci_skin_alternation *alternation,
+                                                    pci_skin_level level, const double *weights,
                                                     pci_skin_measures *measures);
 
 // Leaves `kept` slots per row. `measures`: of the weights before, by the sample.

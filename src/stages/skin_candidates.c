@@ -7,7 +7,7 @@ static const double distance_share = 0.1; // of the first guess
 typedef struct candidate_job {
     const pci_knn *knn;
     const pc_mesh *surface, *proxy;
-    const pci_closest *closest;
+    const pci_place *closest;
     const pc_skin *followed; // or NULL
     uint32_t slots;
     uint32_t *bones;   // #V by slots
@@ -37,7 +37,7 @@ static void fill_candidates(void *user, size_t begin, size_t end, uint32_t worke
     const candidate_job *job = user;
     for (size_t v = begin; v < end; ++v) {
         const double *position = &job->surface->positions[3 * v];
-        const pci_closest *closest = &job->closest[v];
+        const pci_place *closest = &job->closest[v];
         uint32_t *bones = &job->bones[v * job->slots];
         double *s = &job->surrogate[v * job->slots];
         uint32_t count = 0, near[PCI_SKIN_CANDIDATES_MAX];
@@ -76,7 +76,7 @@ static void fill_candidates(void *user, size_t begin, size_t end, uint32_t worke
 }
 
 bool pci_skin_find_candidates(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *proxy,
-                              const pci_closest *closest, const pc_skin *followed, uint32_t slots,
+                              const pci_place *closest, const pc_skin *followed, uint32_t slots,
                               uint32_t *bones, double *weights) {
     pci_knn knn;
     if (!pci_knn_build(scratch, proxy->vertex_count, proxy->positions, &knn)) {

@@ -140,8 +140,7 @@ bool pci_skin_coarsen(pci_scratch *scratch, const pci_skin_problem *fine, pci_sk
 }
 
 typedef struct prolong_job {
-    const pci_skin_frames *driver;
-    const double *gram;
+    const pci_skin_gram *gram;
     const pci_skin_problem *fine;
     const pci_skin_coarse *coarse;
     const double *change;
@@ -218,7 +217,7 @@ static void fulfil(const prolong_job *job, size_t v, const tally *w, double *wei
     const uint32_t slots = p->slots, *bones = &p->bones[v * slots];
     double a[PCI_SKIN_SLOTS_MAX * PCI_SKIN_SLOTS_MAX], gradient[PCI_SKIN_SLOTS_MAX];
     double point[PCI_SKIN_COLUMNS_MAX], left[WISH_MAX] = {0}, sum = 0.0, trace = 0.0;
-    pci_skin_point(p, job->driver->origin, job->driver->unit, v, point);
+    pci_skin_point(p, job->gram->driver.origin, job->gram->driver.unit, v, point);
     for (size_t k = 0; k < slots; ++k) {
         sum += w->amounts[k] > 0.0 ? w->amounts[k] : 0.0;
     }
@@ -235,9 +234,9 @@ static void fulfil(const prolong_job *job, size_t v, const tally *w, double *wei
     for (size_t k = 0; k < slots; ++k) {
         gradient[k] = 0.0;
         for (size_t l = 0; l < w->count; ++l) {
-            const double product =
-                pci_skin_gram_product(job->gram, p->proxy_count, job->driver->data.columns,
-                                      bones[k], w->keys[l], point, point);
+            const double product = pci_skin_gram_product(job->gram->matrix, p->proxy_count,
+                                                         job->gram->driver.data.columns, bones[k],
+                                                         w->keys[l], point, point);
             gradient[k] += left[l] * product;
             if (l < slots) {
                 a[k * slots + l] = product;
@@ -258,14 +257,9 @@ static void prolong_rows(void *user, size_t begin, size_t end, uint32_t worker) 
     }
 }
 
-void pci_skin_prolong(const pci_skin_frames *driver, const double *gram,
-                      const pci_skin_problem *fine, const pci_skin_coarse *coarse,
-                      const double *change, double *weights) {
-    prolong_job job = {.driver = driver,
-                       .gram = gram,
-                       .fine = fine,
-                       .coarse = coarse,
-                       .change = change,
-                       .weights = weights};
-    pci_parallel_for(driver->context, fine->vertex_count, 256, prolong_rows, &job);
+void pci_skin_prolong(const pci_skin_gram *gram, const pci_skin_problem *fine,
+                      const pci_skin_coarse *coarse, const double *change, double *weights) {
+    prolong_job job = {
+        .gram = gram, .fine = fine, .coarse = coarse, .change = change, .weights = weights};
+    pci_parallel_for(gram->driver.context, fine->vertex_count, 256, prolong_rows, &job);
 }

@@ -3,7 +3,7 @@
 #ifndef PCI_SKIN_COARSE_H
 #define PCI_SKIN_COARSE_H
 
-#include "stages/skin_frames.h"
+#include "stages/skin_gram.h"
 
 typedef struct pci_skin_coarse {
     pci_skin_problem problem;
@@ -17,9 +17,8 @@ bool pci_skin_coarsen(pci_scratch *scratch, const pci_skin_problem *fine, pci_sk
 
 // Moves all vertices as the coarse ones near them have moved since the weights were theirs: finds
 // the weights that come closest, by G, to adding the change of the coarse ones (#coarse by slots).
-// `driver`: origin and unit of G. Weights (in and out) #fine by slots.
-void pci_skin_prolong(const pci_skin_frames *driver, const double *gram,
-                      const pci_skin_problem *fine, const pci_skin_coarse *coarse,
-                      const double *change, double *weights);
+// Weights (in and out) #fine by slots.
+void pci_skin_prolong(const pci_skin_gram *gram, const pci_skin_problem *fine,
+                      const pci_skin_coarse *coarse, const double *change, double *weights);
 
 #endif

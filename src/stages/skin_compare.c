@@ -12,55 +12,67 @@ typedef struct frame_sums {
 typedef struct compare_job {
     const pci_skin_fit *fit;
     double origin[3];
-    double *maps;    // #workers by #P by MAP
-    double *moved;   // #workers by #V by 3, displacements
-    double *lengths; // #entries of the rings, at rest
+    double *maps;   // #workers by #P by MAP
+    float *moved;   // #workers by #V by 3, displacements
+    float *lengths; // of the edges of the rings to larger vertices, in order, at rest
     frame_sums *sums;
 } compare_job;
 
-static void displace(const compare_job *job, const double *maps, size_t v, double u[3]) {
+static void store(const double u[3], float *moved) {
+    for (size_t x = 0; x < 3; ++x) {
+        moved[x] = (float)u[x];
+    }
+}
+
+static void displace(const compare_job *job, const double *maps, size_t v, float *moved) {
     const pci_skin_problem *p = &job->fit->problem;
     const size_t columns = pci_skin_columns(p), slots = p->slots;
-    double point[PCI_SKIN_COLUMNS_MAX];
+    double point[PCI_SKIN_COLUMNS_MAX], u[3] = {0};
     pci_skin_point(p, job->origin, 1.0, v, point);
-    u[0] = u[1] = u[2] = 0.0;
     for (size_t k = v * slots; k < (v + 1) * slots; ++k) {
         const double *map = &maps[MAP * (size_t)p->bones[k]], weight = job->fit->weights[k];
         for (size_t i = 0; i < 3 * columns; ++i) {
             u[i % 3] += weight * (point[i / 3] * map[i]);
         }
     }
+    store(u, moved);
 }
 
 // The closest point, which the proxy's displacements move.
-static void displace_closest(const compare_job *job, size_t frame, size_t v, double u[3]) {
+static void displace_closest(const compare_job *job, size_t frame, size_t v, float *moved) {
     const pci_skin_problem *p = &job->fit->problem;
-    const pci_closest *closest = &job->fit->closest[v];
+    const pci_place *closest = &job->fit->closest[v];
     const uint32_t *corners = &job->fit->proxy->triangles[3 * (size_t)closest->triangle];
-    u[0] = u[1] = u[2] = 0.0;
+    double u[3] = {0};
     for (size_t c = 0; c < 3; ++c) {
         const double *rest = &p->proxy_rest[3 * (size_t)corners[c]];
-        const double *moved = &p->frames[3 * (p->proxy_count * frame + corners[c])];
+        const double *corner = &p->frames[3 * (p->proxy_count * frame + corners[c])];
         for (size_t x = 0; x < 3; ++x) {
-            u[x] += closest->barycentric[c] * (moved[x] - rest[x]);
+            u[x] += closest->barycentric[c] * (corner[x] - rest[x]);
         }
     }
+    store(u, moved);
 }
 
-static void add_up(const compare_job *job, const double *moved, double *ways, double *strains) {
+static void add_up(const compare_job *job, const float *moved, double *ways, double *strains) {
     const pci_skin_problem *p = &job->fit->problem;
+    const float *length = job->lengths;
     for (size_t v = 0; v < p->vertex_count; ++v) {
-        const double *rest = &p->rest[3 * v], *u = &moved[3 * v];
+        const double *rest = &p->rest[3 * v];
+        const double u[3] = {(double)moved[3 * v], (double)moved[3 * v + 1],
+                             (double)moved[3 * v + 2]};
         *ways += pci_norm(u);
         for (size_t e = p->ring_offsets[v]; e < p->ring_offsets[v + 1]; ++e) {
             const size_t j = p->ring[e];
-            if (j > v && job->lengths[e] > 0.0) {
-                double edge[3];
-                for (size_t x = 0; x < 3; ++x) {
-                    edge[x] = (rest[x] - p->rest[3 * j + x]) + (u[x] - moved[3 * j + x]);
-                }
-                *strains += fabs(pci_norm(edge) / job->lengths[e] - 1.0);
+            double edge[3];
+            if (j < v) {
+                continue;
             }
+            for (size_t x = 0; x < 3; ++x) {
+                edge[x] = (rest[x] - p->rest[3 * j + x]) + (u[x] - (double)moved[3 * j + x]);
+            }
+            *strains += *length > 0.0f ? fabs(pci_norm(edge) / (double)*length - 1.0) : 0.0;
+            ++length;
         }
     }
 }
@@ -69,7 +81,7 @@ static void compare_frames(void *user, size_t begin, size_t end, uint32_t worker
     const compare_job *job = user;
     const pci_skin_problem *p = &job->fit->problem;
     double *maps = &job->maps[MAP * p->proxy_count * worker];
-    double *moved = &job->moved[3 * p->vertex_count * worker];
+    float *moved = &job->moved[3 * p->vertex_count * worker];
     for (size_t i = begin; i < end; ++i) {
         frame_sums *sums = &job->sums[i];
         for (size_t b = 0; b < p->proxy_count; ++b) {
@@ -93,17 +105,20 @@ bool pci_skin_compare(const pci_skin_fit *f, pci_skin_ratios *ratios) {
     pci_scratch scratch = pci_scratch_begin(f->context);
     compare_job job = {.fit = f,
                        .maps = PCI_SCRATCH(&scratch, double, MAP * p->proxy_count * workers),
-                       .moved = PCI_SCRATCH(&scratch, double, 3 * p->vertex_count * workers),
-                       .lengths = PCI_SCRATCH(&scratch, double, edges),
+                       .moved = PCI_SCRATCH(&scratch, float, 3 * p->vertex_count * workers),
+                       .lengths = PCI_SCRATCH(&scratch, float, edges / 2),
                        .sums = PCI_SCRATCH(&scratch, frame_sums, frames)};
     const bool good = !scratch.failed;
     if (good) {
         frame_sums total = {0};
         (void)pci_skin_extent(p, job.origin);
+        float *length = job.lengths;
         for (size_t v = 0; v < p->vertex_count; ++v) {
             for (size_t e = p->ring_offsets[v]; e < p->ring_offsets[v + 1]; ++e) {
-                job.lengths[e] =
-                    sqrt(pci_squared_distance(&p->rest[3 * v], &p->rest[3 * (size_t)p->ring[e]]));
+                if (p->ring[e] > v) {
+                    *length++ = (float)sqrt(
+                        pci_squared_distance(&p->rest[3 * v], &p->rest[3 * (size_t)p->ring[e]]));
+                }
             }
         }
         pci_parallel_for(f->context, frames, 1, compare_frames, &job);

@@ -163,7 +163,7 @@ static pc_status measure_surrogate(pci_scratch *scratch, const pci_skin_fit *f,
     for (size_t v = 0; v < p->vertex_count; ++v) {
         pci_skin_normalize(&f->weights[v * p->slots], p->slots, &weights[v * p->slots]);
     }
-    return pci_skin_measure(f->context, p, pci_skin_kernel_float(), weights, measures, NULL);
+    return pci_skin_measure(f->context, p, pci_skin_kernel_float(), weights, measures);
 }
 
 pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *f, pc_skin_report *r) {
@@ -201,7 +201,7 @@ pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *f, pc_skin_repo
 static void hold_pinned(const pci_skin_fit *f, uint32_t *allowed) {
     const uint32_t slots = f->problem.slots;
     for (size_t v = 0; v < f->problem.vertex_count && f->pinned != NULL; ++v) {
-        const pci_closest *closest = &f->closest[v];
+        const pci_place *closest = &f->closest[v];
         const uint32_t *corners = &f->proxy->triangles[3 * (size_t)closest->triangle];
         bool held = true;
         for (size_t c = 0; c < 3; ++c) {
@@ -250,20 +250,21 @@ static void merge_rows(pc_skin *skin, size_t v, const pc_skin *closest) {
 }
 
 pc_status pci_skin_follow_proxy(pc_context *context, const pc_mesh *surface, const pc_mesh *proxy,
-                                pc_skin *followed) {
+                                const pci_place *closest, pc_skin *followed) {
+    pc_skin points = {0};
     pc_status status =
-        pc_skin_heat_smoothed(context, surface, proxy, FOLLOWED_INFLUENCES, followed);
-    if (status == PC_ERROR_NUMERICAL) { // hardly any area conducts heat
-        return pc_skin_closest_triangle(context, surface, proxy, followed);
-    }
-    pc_skin closest = {0};
+        pci_skin_follow_points(context, proxy, surface->vertex_count, closest, &points);
     if (status == PC_OK) {
-        status = pc_skin_closest_triangle(context, surface, proxy, &closest);
+        status = pci_skin_smooth(context, surface, proxy, &points, FOLLOWED_INFLUENCES, followed);
+        if (status == PC_ERROR_NUMERICAL) { // hardly any area conducts heat
+            *followed = points;
+            return PC_OK;
+        }
     }
     for (size_t v = 0; v < surface->vertex_count && status == PC_OK; ++v) {
-        merge_rows(followed, v, &closest);
+        merge_rows(followed, v, &points);
     }
-    pc_skin_free(context, &closest);
+    pc_skin_free(context, &points);
     if (status == PC_OK && !pci_skin_scale_rows(followed)) {
         status = pci_fail(context, PC_ERROR_NUMERICAL, stage,
                           "skin: the closest points left the finite numbers");
@@ -313,7 +314,7 @@ static void normalize_rows(const pci_skin_fit *f) {
 }
 
 // The paper's losses.
-static pc_status measure(const pci_skin_fit *f, pci_skin_alternation *a, size_t level,
+static pc_status measure(const pci_skin_fit *f, pci_skin_alternation *a, pci_skin_level level,
                          pci_skin_measures *measures) {
     const pci_skin_problem paper = paper_problem(f);
     pci_skin_frames_use(&a->frames, &paper);
@@ -360,10 +361,9 @@ static bool restrict_fit(pci_scratch *scratch, const pci_skin_fit *f, const pci_
     return !scratch->failed;
 }
 
-static pc_status solve_coarse(pci_scratch *scratch, pci_skin_fit *c, const pci_skin_gram *grams);
+static pc_status solve_coarse(pci_scratch *scratch, pci_skin_fit *c, pci_skin_gram *gram);
 
-pc_status pci_skin_start_from_coarse(pci_skin_fit *f, const pci_skin_gram grams[PCI_SKIN_LEVELS],
-                                     uint32_t *rounds) {
+pc_status pci_skin_start_from_coarse(pci_skin_fit *f, pci_skin_gram *gram, uint32_t *rounds) {
     const size_t slots = f->problem.slots;
     if (f->problem.vertex_count < LEAST_VERTICES) {
         *rounds = f->options->rounds;
@@ -379,30 +379,27 @@ pc_status pci_skin_start_from_coarse(pci_skin_fit *f, const pci_skin_gram grams[
     }
     pc_status status = PC_OK;
     if (coarse.problem.vertex_count < f->problem.vertex_count / 2) {
-        status = solve_coarse(&scratch, &c, grams);
+        status = solve_coarse(&scratch, &c, gram);
         for (size_t k = 0; k < coarse.problem.vertex_count * slots && status == PC_OK; ++k) {
             c.weights[k] -= f->weights[slots * coarse.vertices[k / slots] + k % slots];
         }
         if (status == PC_OK) {
-            pci_skin_frames driver;
-            pci_skin_frames_begin(f->context, &f->problem, pci_skin_kernel_float(), &driver);
-            pci_skin_prolong(&driver, grams[PCI_SKIN_SAMPLE].matrix, &f->problem, &coarse,
-                             c.weights, f->weights);
+            pci_skin_prolong(gram, &f->problem, &coarse, c.weights, f->weights);
         }
     }
     pci_scratch_end(&scratch);
     return status;
 }
 
-static pc_status solve_coarse(pci_scratch *scratch, pci_skin_fit *c, const pci_skin_gram *grams) {
+static pc_status solve_coarse(pci_scratch *scratch, pci_skin_fit *c, pci_skin_gram *gram) {
     const pc_skin_options *o = c->options;
     pci_skin_alternation a;
     uint32_t rounds = (o->rounds + 1) / 2;
-    pc_status status = pci_skin_start_from_coarse(c, grams, &rounds);
+    pc_status status = pci_skin_start_from_coarse(c, gram, &rounds);
     if (status != PC_OK) {
         return status;
     }
-    if (!pci_skin_alternation_build(scratch, &c->problem, pci_skin_kernel_float(), grams, &a)) {
+    if (!pci_skin_alternation_build(scratch, &c->problem, pci_skin_kernel_float(), gram, &a)) {
         return pci_fail_memory(c->context, stage);
     }
     pci_skin_alternation_follow(&a, c->proxy, &c->followed);
@@ -465,13 +462,13 @@ static pc_status run_phases(pci_scratch *scratch, pci_skin_fit *f, pci_skin_alte
 }
 
 // What the losses of the first guess are, and what follows from them. Memory is given back.
-static pc_status measure_guess(pci_skin_fit *f, const pci_skin_gram *grams, pc_skin_report *r) {
+static pc_status measure_guess(pci_skin_fit *f, pci_skin_gram *gram, pc_skin_report *r) {
     pci_scratch scratch = pci_scratch_begin(f->context);
     pci_skin_alternation a;
     pci_skin_measures measures = {0};
     normalize_rows(f);
     pc_status status =
-        pci_skin_alternation_build(&scratch, &f->problem, pci_skin_kernel_float(), grams, &a)
+        pci_skin_alternation_build(&scratch, &f->problem, pci_skin_kernel_float(), gram, &a)
             ? measure(f, &a, PCI_SKIN_SAMPLE, &measures)
             : pci_fail_memory(f->context, stage);
     report_before(f, &measures, r);
@@ -483,33 +480,16 @@ static pc_status measure_guess(pci_skin_fit *f, const pci_skin_gram *grams, pc_s
     return status;
 }
 
-pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_report *r) {
-    const pci_skin_problem *p = &f->problem;
-    uint32_t first_rounds = (uint32_t)round(first_end * f->options->rounds);
-    pci_skin_gram grams[PCI_SKIN_LEVELS];
-    if (!pci_skin_grams_build(scratch, p, pci_skin_kernel_float(), f->options->motion_noise,
-                              grams)) {
-        return pci_fail_memory(f->context, stage);
-    }
-    pc_status status = measure_guess(f, grams, r);
-    start_from_followed(f);
-    hold_pinned(f, NULL);
-    normalize_rows(f);
-    if (status == PC_OK) {
-        status = pci_skin_start_from_coarse(f, grams, &first_rounds);
-    }
+static pc_status solve(pci_scratch *scratch, pci_skin_fit *f, pci_skin_gram *gram,
+                       uint32_t first_rounds, pc_skin_report *r) {
     pci_skin_alternation a;
-    if (status == PC_OK &&
-        !pci_skin_alternation_build(scratch, p, pci_skin_kernel_float(), grams, &a)) {
-        status = pci_fail_memory(f->context, stage);
-    }
-    if (status != PC_OK) {
-        return status;
+    if (!pci_skin_alternation_build(scratch, &f->problem, pci_skin_kernel_float(), gram, &a)) {
+        return pci_fail_memory(f->context, stage);
     }
     pci_skin_alternation_follow(&a, f->proxy, &f->followed);
     hold_pinned(f, a.allowed);
     normalize_rows(f);
-    status = weigh(scratch, f, &a);
+    pc_status status = weigh(scratch, f, &a);
     if (status == PC_OK) {
         status = run_phases(scratch, f, &a, first_rounds, r);
     }
@@ -520,5 +500,26 @@ pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *f, pc_skin_
         status = measure(f, &a, PCI_SKIN_ALL, &measures);
         report_after(f, &measures, r);
     }
+    return status;
+}
+
+pc_status pci_skin_fit_alternate(pci_skin_fit *f, pc_skin_report *r) {
+    uint32_t first_rounds = (uint32_t)round(first_end * f->options->rounds);
+    pci_skin_gram gram;
+    pci_scratch scratch = pci_scratch_begin(f->context);
+    pc_status status = pci_skin_gram_build(&scratch, &f->problem, pci_skin_kernel_float(),
+                                           f->options->motion_noise, &gram)
+                           ? measure_guess(f, &gram, r)
+                           : pci_fail_memory(f->context, stage);
+    if (status == PC_OK) {
+        start_from_followed(f);
+        hold_pinned(f, NULL);
+        normalize_rows(f);
+        status = pci_skin_start_from_coarse(f, &gram, &first_rounds);
+    }
+    if (status == PC_OK) {
+        status = solve(&scratch, f, &gram, first_rounds, r);
+    }
+    pci_scratch_end(&scratch);
     return status;
 }

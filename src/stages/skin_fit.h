@@ -2,9 +2,9 @@
 #ifndef PCI_SKIN_FIT_H
 #define PCI_SKIN_FIT_H
 
-#include "core/bvh.h"
 #include "proxycloth/skin.h"
 #include "stages/skin_alternate.h"
+#include "stages/weight_rows.h"
 
 enum { PCI_SKIN_CANDIDATES_MAX = 32 };
 
@@ -14,7 +14,7 @@ typedef struct pci_skin_fit {
     const pc_mesh *surface, *proxy;
     const uint8_t *pinned; // of the proxy, or NULL
     pci_skin_problem problem;
-    pci_closest *closest;  // #V, points on the proxy
+    pci_place *closest;    // #V, points on the proxy
     pc_skin followed;      // see pci_skin_follow_proxy; empty with AdamW
     uint32_t *bones;       // #V by slots
     double *weights;       // #V by slots, rows of any sum
@@ -29,23 +29,22 @@ typedef struct pci_skin_fit {
 // keep lengths as it does; smoothed, they have no kinks at the proxy's edges or jumps from layer to
 // layer that L_r would have to fight.
 PC_NODISCARD pc_status pci_skin_follow_proxy(pc_context *context, const pc_mesh *surface,
-                                             const pc_mesh *proxy, pc_skin *followed);
+                                             const pc_mesh *proxy, const pci_place *closest,
+                                             pc_skin *followed);
 
 // Candidates and first guess, #V by slots; `followed` or NULL. False: out of memory.
 bool pci_skin_find_candidates(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *proxy,
-                              const pci_closest *closest, const pc_skin *followed, uint32_t slots,
+                              const pci_place *closest, const pc_skin *followed, uint32_t slots,
                               uint32_t *bones, double *weights);
 
 // Optimises and cuts to the influences of the result; fills the losses of the report.
-PC_NODISCARD pc_status pci_skin_fit_alternate(pci_scratch *scratch, pci_skin_fit *fit,
-                                              pc_skin_report *report);
+PC_NODISCARD pc_status pci_skin_fit_alternate(pci_skin_fit *fit, pc_skin_report *report);
 PC_NODISCARD pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *fit,
                                           pc_skin_report *report);
 
 // Takes from smaller problems how the weights change that vary slowly. `rounds` (in and out): of
 // what is left to do with all candidates; more where there is no smaller problem.
-PC_NODISCARD pc_status pci_skin_start_from_coarse(pci_skin_fit *fit,
-                                                  const pci_skin_gram grams[PCI_SKIN_LEVELS],
+PC_NODISCARD pc_status pci_skin_start_from_coarse(pci_skin_fit *fit, pci_skin_gram *gram,
                                                   uint32_t *rounds);
 
 #endif

@@ -30,15 +30,18 @@ double pci_skin_get(const pci_skin_kernel *kernel, const void *array, size_t ind
 
 enum { PATCH = 256 }; // vertices; what a patch needs of one block stays in the second-level cache
 
-// Edges of all patches while they are made; those of a vertex go to `next`.
-typedef struct edge_builder {
-    const pci_skin_frames *w;
+// All patches while they are made; edges go to `next`.
+typedef struct patch_builder {
+    pci_skin_frames *w;
     uint32_t *local;  // #V: 1 + local index in the patch in hand, or 0
     uint32_t *places; // #V: 1 + place in K(i) of the vertex i in hand, or 0
+    pci_skin_runs *runs;
     uint32_t *targets;
-    void *near_weights;
-    size_t next;
-} edge_builder;
+    char *vectors, *lengths, *stiffness, *near_weights, *constants;
+    size_t next, next_length;
+    uint32_t *vertices; // of all patches so far
+    size_t vertex_capacity, vertex_count;
+} patch_builder;
 
 // Of the runs in pci_skin_runs, in order.
 static uint32_t run_of(uint32_t i, uint32_t j, bool near) {
@@ -46,16 +49,34 @@ static uint32_t run_of(uint32_t i, uint32_t j, bool near) {
     return near ? (upper ? 2 : 3) : (upper ? 1 : 0);
 }
 
-static void add_edge(edge_builder *b, uint32_t i, uint32_t j) {
+static void add_edge(patch_builder *b, uint32_t i, uint32_t j) {
     const pci_skin_problem *p = b->w->problem;
     const uint32_t place = b->places[j];
     pci_skin_put(b->w->kernel, b->near_weights, b->next,
-                 place > 0 ? p->near_weights[(size_t)i * p->near_count + place - 1] : 0.0);
+                 place > 0 ? pci_skin_near_weight(p, i, (size_t)i * p->near_count + place - 1)
+                           : 0.0);
     b->targets[b->next++] = b->local[j] - 1;
 }
 
+static bool in_ring(const pci_skin_problem *p, size_t i, uint32_t j) {
+    size_t e = p->ring_offsets[i];
+    while (e < p->ring_offsets[i + 1] && p->ring[e] != j) {
+        ++e;
+    }
+    return e < p->ring_offsets[i + 1];
+}
+
+// To N(i) or K(i), of all vertices.
+static size_t count_edges(const pci_skin_problem *p) {
+    size_t count = p->ring_offsets[p->vertex_count];
+    for (size_t e = 0; e < p->vertex_count * p->near_count; ++e) {
+        count += !in_ring(p, e / p->near_count, p->near[e]);
+    }
+    return count;
+}
+
 // The edges of one vertex whose neighbours all have local numbers.
-static pci_skin_runs add_edges(edge_builder *b, uint32_t i, size_t patch_begin) {
+static pci_skin_runs add_edges(patch_builder *b, uint32_t i, size_t patch_begin) {
     const pci_skin_problem *p = b->w->problem;
     const size_t begin = p->ring_offsets[i], end = p->ring_offsets[i + 1];
     const uint32_t *near = &p->near[(size_t)i * p->near_count];
@@ -72,11 +93,7 @@ static pci_skin_runs add_edges(edge_builder *b, uint32_t i, size_t patch_begin) 
         ends[run + 1] = (uint32_t)(b->next - patch_begin);
     }
     for (uint32_t k = 0; k < p->near_count; ++k) {
-        bool in_ring = false;
-        for (size_t e = begin; e < end && !in_ring; ++e) {
-            in_ring = p->ring[e] == near[k];
-        }
-        if (!in_ring) {
+        if (!in_ring(p, i, near[k])) {
             add_edge(b, i, near[k]);
         }
     }
@@ -117,7 +134,7 @@ static void fill_constants(const pci_skin_frames *w, uint32_t i, void *constants
         const double *target = &p->rest[3 * (size_t)p->near[e]];
         add_product(w, i, p->near[e], &values[PCI_SKIN_NEAR]);
         for (size_t c = 0; c < 3; ++c) {
-            attached[c] -= p->near_weights[e] * target[c];
+            attached[c] -= pci_skin_near_weight(p, i, e) * target[c];
         }
     }
     for (size_t x = PCI_SKIN_RING; x <= PCI_SKIN_NEAR; x += PCI_SKIN_NEAR - PCI_SKIN_RING) {
@@ -132,7 +149,9 @@ static void fill_constants(const pci_skin_frames *w, uint32_t i, void *constants
     }
 }
 
-static void fill_edge(const pci_skin_frames *w, const pci_skin_patch *patch, size_t k, uint32_t i) {
+// Returns the length of an edge, with its factors.
+static double fill_edge(const pci_skin_frames *w, const pci_skin_patch *patch, size_t k,
+                        uint32_t i) {
     const pci_skin_problem *p = w->problem;
     const uint32_t j = patch->vertices[patch->targets[k]];
     const double stiffness = pci_skin_stiffness(p, i, j), factor = stiffness * w->unit;
@@ -141,8 +160,8 @@ static void fill_edge(const pci_skin_frames *w, const pci_skin_patch *patch, siz
     for (size_t c = 0; c < 3; ++c) {
         pci_skin_put(w->kernel, (void *)patch->vectors, 3 * k + c, factor * e[c]);
     }
-    pci_skin_put(w->kernel, (void *)patch->lengths, k, factor * pci_norm(e));
     pci_skin_put(w->kernel, (void *)patch->stiffness, k, stiffness);
+    return factor * pci_norm(e);
 }
 
 // Fills what depends on the stiffness of edges.
@@ -151,9 +170,14 @@ static void fill_patches(void *user, size_t begin, size_t end, uint32_t worker) 
     const pci_skin_frames *w = user;
     for (size_t i = begin; i < end; ++i) {
         const pci_skin_patch *patch = &w->patches[i];
+        size_t upper = 0;
         for (size_t k = 0; k < patch->own_count; ++k) {
-            for (size_t e = patch->runs[k].begin; e < patch->runs[k].end; ++e) {
-                fill_edge(w, patch, e, patch->vertices[k]);
+            const pci_skin_runs *runs = &patch->runs[k];
+            for (size_t e = runs->begin; e < runs->end; ++e) {
+                const double length = fill_edge(w, patch, e, patch->vertices[k]);
+                if (e >= runs->upper && e < runs->upper_end) {
+                    pci_skin_put(w->kernel, (void *)patch->lengths, upper++, length);
+                }
             }
             fill_constants(w, patch->vertices[k], (void *)patch->constants, k);
         }
@@ -165,18 +189,17 @@ void pci_skin_frames_use(pci_skin_frames *w, const pci_skin_problem *problem) {
     pci_parallel_for(w->context, w->patch_count, 1, fill_patches, w);
 }
 
-// Gives the vertices of one patch and their neighbours local numbers; appends them to `vertices`.
-static bool number_vertices(pci_scratch *scratch, edge_builder *b, size_t begin, size_t end,
-                            uint32_t **vertices, size_t *capacity, size_t *count) {
+// Gives the vertices of one patch and their neighbours local numbers; lists them.
+static bool number_vertices(pci_scratch *scratch, patch_builder *b, size_t begin, size_t end) {
     const pci_skin_problem *p = b->w->problem;
-    const size_t first = *count;
+    const size_t first = b->vertex_count;
     for (int pass = 0; pass < 2; ++pass) {
         for (size_t i = begin; i < end; ++i) {
             const uint32_t v = p->order[i];
             const size_t ring = p->ring_offsets[v + 1] - p->ring_offsets[v];
             const size_t listed = pass == 0 ? 1 : ring + p->near_count;
-            if (!pci_scratch_reserve(scratch, (void **)vertices, capacity, *count + listed,
-                                     sizeof(**vertices))) {
+            if (!pci_scratch_reserve(scratch, (void **)&b->vertices, &b->vertex_capacity,
+                                     b->vertex_count + listed, sizeof(*b->vertices))) {
                 return false;
             }
             for (size_t k = 0; k < listed; ++k) {
@@ -184,8 +207,8 @@ static bool number_vertices(pci_scratch *scratch, edge_builder *b, size_t begin,
                                    : k < ring ? p->ring[p->ring_offsets[v] + k]
                                               : p->near[(size_t)v * p->near_count + k - ring];
                 if (b->local[j] == 0) {
-                    (*vertices)[*count] = j;
-                    b->local[j] = (uint32_t)(++*count - first);
+                    b->vertices[b->vertex_count] = j;
+                    b->local[j] = (uint32_t)(++b->vertex_count - first);
                 }
             }
         }
@@ -214,60 +237,67 @@ static bool build_shares(pci_scratch *scratch, const uint32_t *vertices, pci_ski
     return true;
 }
 
-static bool build_patches(pci_scratch *scratch, pci_skin_frames *w) {
-    const pci_skin_problem *p = w->problem;
-    const size_t nv = p->vertex_count;
-    const size_t edges = p->ring_offsets[nv] + nv * p->near_count; // at most
+static bool begin_patches(pci_scratch *scratch, pci_scratch *local, patch_builder *b) {
+    pci_skin_frames *w = b->w;
+    const size_t nv = w->problem->vertex_count, edges = count_edges(w->problem);
     w->patch_count = (nv + PATCH - 1) / PATCH;
     w->patches = PCI_SCRATCH(scratch, pci_skin_patch, w->patch_count);
     w->patch_rows = PCI_SCRATCH(scratch, size_t, w->patch_count + 1);
-    pci_skin_runs *runs = PCI_SCRATCH(scratch, pci_skin_runs, nv);
-    char *constants = pci_skin_reals(scratch, w->kernel, nv * PCI_SKIN_CONSTANTS);
-    edge_builder b = {.w = w,
-                      .local = PCI_SCRATCH(scratch, uint32_t, nv),
-                      .places = PCI_SCRATCH(scratch, uint32_t, nv),
-                      .targets = PCI_SCRATCH(scratch, uint32_t, edges),
-                      .near_weights = pci_skin_reals(scratch, w->kernel, edges)};
-    char *vectors = pci_skin_reals(scratch, w->kernel, 3 * edges);
-    char *lengths = pci_skin_reals(scratch, w->kernel, edges);
-    char *stiffness = pci_skin_reals(scratch, w->kernel, edges);
-    uint32_t *vertices = NULL;
-    size_t capacity = 0, rows = 0, most = 0;
-    if (scratch->failed) {
+    b->local = PCI_SCRATCH(local, uint32_t, nv);
+    b->places = PCI_SCRATCH(local, uint32_t, nv);
+    b->runs = PCI_SCRATCH(scratch, pci_skin_runs, nv);
+    b->targets = PCI_SCRATCH(scratch, uint32_t, edges);
+    b->vectors = pci_skin_reals(scratch, w->kernel, 3 * edges);
+    b->lengths = pci_skin_reals(scratch, w->kernel, w->problem->ring_offsets[nv] / 2);
+    b->stiffness = pci_skin_reals(scratch, w->kernel, edges);
+    b->near_weights = pci_skin_reals(scratch, w->kernel, edges);
+    b->constants = pci_skin_reals(scratch, w->kernel, nv * PCI_SKIN_CONSTANTS);
+    return !scratch->failed && !local->failed;
+}
+
+// All of a patch but what depends on the stiffness of edges.
+static bool build_patch(pci_scratch *local, patch_builder *b, size_t i) {
+    const pci_skin_problem *p = b->w->problem;
+    const size_t size = b->w->kernel->real_size, first_edge = b->next, first = b->vertex_count;
+    const size_t begin = i * PATCH;
+    const size_t end = begin + PATCH < p->vertex_count ? begin + PATCH : p->vertex_count;
+    pci_skin_patch *patch = &b->w->patches[i];
+    if (!number_vertices(local, b, begin, end)) {
         return false;
     }
-    const size_t size = w->kernel->real_size;
-    for (size_t i = 0; i < w->patch_count; ++i) {
+    patch->own_count = (uint32_t)(end - begin);
+    patch->local_count = (uint32_t)(b->vertex_count - first);
+    patch->runs = &b->runs[begin];
+    patch->targets = &b->targets[first_edge];
+    patch->vectors = b->vectors + 3 * first_edge * size;
+    patch->lengths = b->lengths + b->next_length * size;
+    patch->stiffness = b->stiffness + first_edge * size;
+    patch->near_weights = b->near_weights + first_edge * size;
+    patch->constants = b->constants + begin * PCI_SKIN_CONSTANTS * size;
+    for (size_t k = begin; k < end; ++k) {
+        b->runs[k] = add_edges(b, p->order[k], first_edge);
+        b->next_length += b->runs[k].upper_end - b->runs[k].upper;
+    }
+    for (size_t r = first; r < b->vertex_count; ++r) {
+        b->local[b->vertices[r]] = 0;
+    }
+    b->w->patch_rows[i + 1] = b->vertex_count;
+    return true;
+}
+
+static bool finish_patches(pci_scratch *scratch, const patch_builder *b) {
+    pci_skin_frames *w = b->w;
+    size_t most = 0;
+    uint32_t *vertices = PCI_SCRATCH(scratch, uint32_t, b->vertex_count);
+    for (size_t i = 0; i < w->patch_count && vertices != NULL; ++i) {
         pci_skin_patch *patch = &w->patches[i];
-        const size_t begin = i * PATCH, end = begin + PATCH < nv ? begin + PATCH : nv;
-        const size_t first_edge = b.next, first_row = rows;
-        if (!number_vertices(scratch, &b, begin, end, &vertices, &capacity, &rows)) {
-            return false;
-        }
-        for (size_t k = begin; k < end; ++k) {
-            runs[k] = add_edges(&b, p->order[k], first_edge);
-        }
-        for (size_t r = first_row; r < rows; ++r) {
-            b.local[vertices[r]] = 0;
-        }
-        patch->own_count = (uint32_t)(end - begin);
-        patch->local_count = (uint32_t)(rows - first_row);
-        patch->runs = &runs[begin];
-        patch->targets = &b.targets[first_edge];
-        patch->vectors = vectors + 3 * first_edge * size;
-        patch->lengths = lengths + first_edge * size;
-        patch->stiffness = stiffness + first_edge * size;
-        patch->near_weights = (char *)b.near_weights + first_edge * size;
-        patch->constants = constants + begin * PCI_SKIN_CONSTANTS * size;
-        w->patch_rows[i + 1] = rows;
+        const size_t first = w->patch_rows[i];
+        memcpy(&vertices[first], &b->vertices[first], patch->local_count * sizeof(*vertices));
+        patch->vertices = &vertices[first];
         most = patch->local_count > most ? patch->local_count : most;
     }
-    for (size_t i = 0; i < w->patch_count; ++i) {
-        w->patches[i].vertices = &vertices[w->patch_rows[i]];
-    }
-    pci_skin_frames_use(w, p);
     const uint32_t threads = pc_context_threads(w->context);
-    w->partial = pci_skin_reals(scratch, w->kernel, rows * p->slots);
+    w->partial = pci_skin_reals(scratch, w->kernel, b->vertex_count * w->problem->slots);
     w->buffers = PCI_SCRATCH(scratch, pci_skin_buffers, threads);
     for (size_t i = 0; i < threads && w->buffers != NULL; ++i) {
         w->buffers[i].displacements = pci_skin_reals(scratch, w->kernel, 3 * PCI_BLOCK * most);
@@ -276,35 +306,74 @@ static bool build_patches(pci_scratch *scratch, pci_skin_frames *w) {
     return !scratch->failed && build_shares(scratch, vertices, w);
 }
 
+static bool build_patches(pci_scratch *scratch, pci_skin_frames *w) {
+    pci_scratch local = pci_scratch_begin(scratch->context);
+    patch_builder b = {.w = w};
+    bool good = begin_patches(scratch, &local, &b);
+    for (size_t i = 0; i < w->patch_count && good; ++i) {
+        good = build_patch(&local, &b, i);
+    }
+    good = good && finish_patches(scratch, &b);
+    pci_scratch_end(&local);
+    if (good) {
+        pci_skin_frames_use(w, w->problem);
+    }
+    return good;
+}
+
 // ---- frames -------------------------------------------------------------------------------------
 
-// What the proxy does, frames innermost. In float the mean displacement of each frame is left out:
-// no loss depends on it, and smaller numbers keep more digits.
-static void fill_driver(const pci_skin_frames *w, size_t block) {
+typedef struct driver_job {
+    const pci_skin_frames *w;
+    size_t first, stride; // blocks
+} driver_job;
+
+// What the proxy does in one frame, frames innermost. In float the mean displacement is left out:
+// no loss depends on it, and smaller numbers keep more digits. Where a block is not full the proxy
+// is at rest, which adds no gradient.
+static void fill_lane(const pci_skin_frames *w, uint32_t frame, void *driver, size_t lane) {
     const pci_skin_problem *p = w->problem;
     const bool centred = w->kernel->real_size == sizeof(float);
     const size_t per_bone = 3 * (size_t)w->data.columns;
-    void *driver = w->drivers + block * w->driver_size;
-    for (size_t lane = 0; lane < PCI_BLOCK; ++lane) {
-        const uint32_t f = w->frames[block * PCI_BLOCK + lane];
-        if (f == PC_INVALID_INDEX) {
-            continue; // stays at rest and adds no gradient
-        }
-        double mean[3] = {0}, map[3 * PCI_SKIN_COLUMNS_MAX];
-        for (size_t b = 0; b < p->proxy_count && centred; ++b) {
-            pci_skin_bone_map(p, w->origin, f, b, map);
-            for (size_t c = 0; c < 3; ++c) {
-                mean[c] += map[c] / (double)p->proxy_count;
-            }
-        }
-        for (size_t b = 0; b < p->proxy_count; ++b) {
-            pci_skin_bone_map(p, w->origin, f, b, map);
-            for (size_t k = 0; k < per_bone; ++k) {
-                pci_skin_put(w->kernel, driver, (per_bone * b + k) * PCI_BLOCK + lane,
-                             k < 3 ? w->unit * (map[k] - mean[k]) : map[k]);
-            }
+    double mean[3] = {0}, map[3 * PCI_SKIN_COLUMNS_MAX] = {0};
+    for (size_t b = 0; b < p->proxy_count && centred && frame != PC_INVALID_INDEX; ++b) {
+        pci_skin_bone_map(p, w->origin, frame, b, map);
+        for (size_t c = 0; c < 3; ++c) {
+            mean[c] += map[c] / (double)p->proxy_count;
         }
     }
+    for (size_t b = 0; b < p->proxy_count; ++b) {
+        if (frame != PC_INVALID_INDEX) {
+            pci_skin_bone_map(p, w->origin, frame, b, map);
+        }
+        for (size_t k = 0; k < per_bone; ++k) {
+            pci_skin_put(w->kernel, driver, (per_bone * b + k) * PCI_BLOCK + lane,
+                         k < 3 ? w->unit * (map[k] - mean[k]) : map[k]);
+        }
+    }
+}
+
+static void fill_drivers(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const driver_job *job = user;
+    const pci_skin_frames *w = job->w;
+    for (size_t i = begin; i < end; ++i) {
+        const size_t slot = i / PCI_BLOCK, block = job->first + slot * job->stride;
+        fill_lane(w, w->frames[block * PCI_BLOCK + i % PCI_BLOCK],
+                  w->drivers + slot * w->driver_size, i % PCI_BLOCK);
+    }
+}
+
+// Makes what the proxy does in some blocks, unless it is there.
+static void load_drivers(pci_skin_frames *w, size_t first, size_t stride, size_t count) {
+    if (w->loaded_first == first && w->loaded_stride == stride && w->loaded_count == count) {
+        return;
+    }
+    driver_job job = {.w = w, .first = first, .stride = stride};
+    pci_parallel_for(w->context, count * PCI_BLOCK, 1, fill_drivers, &job);
+    w->loaded_first = first;
+    w->loaded_stride = stride;
+    w->loaded_count = count;
 }
 
 // Where the vertices are, as the driver sees them.
@@ -341,23 +410,15 @@ void pci_skin_frames_begin(pc_context *context, const pci_skin_problem *problem,
 bool pci_skin_frames_build(pci_scratch *scratch, const pci_skin_problem *problem,
                            const pci_skin_kernel *kernel, size_t block_count,
                            const uint32_t *frames, pci_skin_frames *w) {
-    const size_t nv = problem->vertex_count;
     pci_skin_frames_begin(scratch->context, problem, kernel, w);
     w->block_count = block_count;
     w->data.slots = problem->slots;
     w->data.bones = problem->bones;
-    w->data.weights = pci_skin_reals(scratch, kernel, nv * problem->slots);
     const size_t per_block = 3 * PCI_BLOCK * w->data.columns * problem->proxy_count;
     w->driver_size = per_block * kernel->real_size;
     w->frames = frames;
-    w->drivers = pci_skin_reals(scratch, kernel, block_count * per_block);
-    if (scratch->failed || !fill_points(scratch, w) || !build_patches(scratch, w)) {
-        return false;
-    }
-    for (size_t b = 0; b < block_count; ++b) {
-        fill_driver(w, b);
-    }
-    return true;
+    w->drivers = pci_skin_reals(scratch, kernel, PCI_SKIN_LOADED * per_block);
+    return !scratch->failed && fill_points(scratch, w) && build_patches(scratch, w);
 }
 
 uint32_t *pci_skin_frames_in_sequence(pci_scratch *scratch, const pci_skin_problem *problem,
@@ -380,20 +441,27 @@ bool pci_skin_frames_build_sequential(pci_scratch *scratch, const pci_skin_probl
     return order != NULL && pci_skin_frames_build(scratch, problem, kernel, block_count, order, w);
 }
 
-void pci_skin_frames_set_weights(pci_skin_frames *w, const double *weights) {
-    for (size_t i = 0; i < w->problem->vertex_count * w->problem->slots; ++i) {
-        pci_skin_put(w->kernel, (void *)w->data.weights, i, weights[i]);
-    }
-}
-
 // ---- losses and gradient ------------------------------------------------------------------------
 
 typedef struct evaluation {
     const pci_skin_frames *w;
-    size_t begin, end, stride; // blocks
-    bool gradient;
-    pci_skin_sums *sums;
+    size_t first, stride, count; // blocks, loaded
+    bool gradient, fresh;        // fresh: nothing to add to yet
+    pci_skin_measures *measures;
 } evaluation;
+
+// Adds up the frames of a block.
+static void add_sums(const uint32_t *frames, const pci_skin_sums *sums,
+                     pci_skin_measures *measures) {
+    for (size_t lane = 0; lane < PCI_BLOCK; ++lane) {
+        if (frames[lane] != PC_INVALID_INDEX) {
+            for (size_t x = 0; x < 3; ++x) {
+                measures->losses[x] += sums->losses[x][lane];
+            }
+            measures->reflections += sums->reflections[lane];
+        }
+    }
+}
 
 static void evaluate_patches(void *user, size_t begin, size_t end, uint32_t worker) {
     const evaluation *job = user;
@@ -401,25 +469,42 @@ static void evaluate_patches(void *user, size_t begin, size_t end, uint32_t work
     const size_t row_size = w->problem->slots * w->kernel->real_size;
     for (size_t i = begin; i < end; ++i) {
         char *gradient = job->gradient ? (char *)w->partial + w->patch_rows[i] * row_size : NULL;
-        if (job->gradient) {
+        if (job->gradient && job->fresh) {
             memset(gradient, 0, w->patches[i].local_count * row_size);
         }
-        for (size_t b = job->begin; b < job->end; b += job->stride) {
-            pci_skin_sums *sums = job->sums != NULL ? &job->sums[i * w->block_count + b] : NULL;
+        for (size_t b = 0; b < job->count; ++b) {
+            pci_skin_sums sums = {{{0.0}}, {0}};
             w->kernel->evaluate(&w->data, &w->patches[i], w->drivers + b * w->driver_size,
-                                &w->buffers[worker], sums, gradient);
+                                &w->buffers[worker], job->measures != NULL ? &sums : NULL,
+                                gradient);
+            if (job->measures != NULL) {
+                add_sums(&w->frames[(job->first + b * job->stride) * PCI_BLOCK], &sums,
+                         &job->measures[i]);
+            }
         }
     }
 }
 
-bool pci_skin_frames_evaluate(pci_skin_frames *w, size_t begin, size_t end, size_t stride,
-                              bool gradient, pci_skin_sums *sums) {
-    if (sums != NULL) {
-        memset(sums, 0, w->patch_count * w->block_count * sizeof(*sums));
+bool pci_skin_frames_evaluate(pci_skin_frames *w, const double *weights, size_t begin, size_t end,
+                              size_t stride, bool gradient, pci_skin_measures *measures) {
+    if (measures != NULL) {
+        memset(measures, 0, w->patch_count * sizeof(*measures));
     }
-    evaluation job = {
-        .w = w, .begin = begin, .end = end, .stride = stride, .gradient = gradient, .sums = sums};
-    return pci_parallel_while_wanted(w->context, w->patch_count, 1, evaluate_patches, &job);
+    w->data.weights = weights;
+    bool wanted = true;
+    for (size_t first = begin; first < end && wanted; first += PCI_SKIN_LOADED * stride) {
+        const size_t left = (end - first + stride - 1) / stride;
+        evaluation job = {.w = w,
+                          .first = first,
+                          .stride = stride,
+                          .count = left < PCI_SKIN_LOADED ? left : PCI_SKIN_LOADED,
+                          .gradient = gradient,
+                          .fresh = first == begin,
+                          .measures = measures};
+        load_drivers(w, first, stride, job.count);
+        wanted = pci_parallel_while_wanted(w->context, w->patch_count, 1, evaluate_patches, &job);
+    }
+    return wanted;
 }
 
 void pci_skin_frames_row(const pci_skin_frames *w, size_t vertex, double *row) {
@@ -437,48 +522,31 @@ void pci_skin_frames_row(const pci_skin_frames *w, size_t vertex, double *row) {
     }
 }
 
-void pci_skin_frames_add(const pci_skin_frames *w, const pci_skin_sums *sums,
-                         pci_skin_measures *measures, double *per_frame) {
+void pci_skin_frames_add(const pci_skin_frames *w, const pci_skin_measures *of_patches,
+                         pci_skin_measures *measures) {
     memset(measures, 0, sizeof(*measures));
-    for (size_t i = 0; i < w->block_count * PCI_BLOCK; ++i) {
-        const size_t block = i / PCI_BLOCK, lane = i % PCI_BLOCK;
-        const uint32_t f = w->frames[i];
-        if (f == PC_INVALID_INDEX) {
-            continue;
-        }
-        double losses[3] = {0};
-        for (size_t patch = 0; patch < w->patch_count; ++patch) {
-            const pci_skin_sums *sum = &sums[patch * w->block_count + block];
-            for (size_t x = 0; x < 3; ++x) {
-                losses[x] += sum->losses[x][lane];
-            }
-            measures->reflections += sum->reflections[lane];
-        }
+    for (size_t i = 0; i < w->patch_count; ++i) {
         for (size_t x = 0; x < 3; ++x) {
-            losses[x] /= w->unit * w->unit;
-            measures->losses[x] += losses[x];
-            if (per_frame != NULL) {
-                per_frame[3 * (size_t)f + x] = losses[x];
-            }
+            measures->losses[x] += of_patches[i].losses[x] / (w->unit * w->unit);
         }
+        measures->reflections += of_patches[i].reflections;
     }
 }
 
 pc_status pci_skin_measure(pc_context *context, const pci_skin_problem *problem,
                            const pci_skin_kernel *kernel, const double *weights,
-                           pci_skin_measures *measures, double *per_frame) {
+                           pci_skin_measures *measures) {
     pci_scratch scratch = pci_scratch_begin(context);
     pci_skin_frames w;
-    pci_skin_sums *sums = NULL;
+    pci_skin_measures *of_patches = NULL;
     bool good = pci_skin_frames_build_sequential(&scratch, problem, kernel, &w);
     if (good) {
-        sums = PCI_SCRATCH(&scratch, pci_skin_sums, w.patch_count * w.block_count);
-        good = sums != NULL;
+        of_patches = PCI_SCRATCH(&scratch, pci_skin_measures, w.patch_count);
+        good = of_patches != NULL;
     }
     if (good) {
-        pci_skin_frames_set_weights(&w, weights);
-        good = pci_skin_frames_evaluate(&w, 0, w.block_count, 1, false, sums);
-        pci_skin_frames_add(&w, sums, measures, per_frame);
+        good = pci_skin_frames_evaluate(&w, weights, 0, w.block_count, 1, false, of_patches);
+        pci_skin_frames_add(&w, of_patches, measures);
     }
     pci_scratch_end(&scratch);
     return good ? PC_OK : pci_fail_memory(context, stage);
@@ -491,11 +559,10 @@ pc_status pci_skin_gradient(pc_context *context, const pci_skin_problem *problem
     pci_skin_frames w;
     bool good = pci_skin_frames_build_sequential(&scratch, problem, kernel, &w);
     if (good) {
-        pci_skin_frames_set_weights(&w, weights);
         for (size_t x = 0; x < 4; ++x) {
             w.data.scale[x] = scale[x] / (w.unit * w.unit);
         }
-        good = pci_skin_frames_evaluate(&w, 0, w.block_count, 1, true, NULL);
+        good = pci_skin_frames_evaluate(&w, weights, 0, w.block_count, 1, true, NULL);
         for (size_t v = 0; v < problem->vertex_count; ++v) {
             pci_skin_frames_row(&w, v, &gradient[v * problem->slots]);
         }

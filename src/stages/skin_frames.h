@@ -5,7 +5,7 @@
 
 #include "stages/skin_driver.h"
 
-enum { PCI_SKIN_SLOTS_MAX = 64 };
+enum { PCI_SKIN_SLOTS_MAX = 64, PCI_SKIN_LOADED = 2 };
 
 typedef struct pci_skin_frames {
     pc_context *context;
@@ -27,8 +27,10 @@ typedef struct pci_skin_frames {
 
     size_t block_count;
     const uint32_t *frames; // #blocks by PCI_BLOCK, PC_INVALID_INDEX where a block is not full
-    char *drivers;          // #blocks, see pci_skin_kernel
-    size_t driver_size;     // bytes per block
+    // What the proxy does in the blocks in hand, see pci_skin_kernel.
+    char *drivers;      // PCI_SKIN_LOADED
+    size_t driver_size; // bytes per block
+    size_t loaded_first, loaded_stride, loaded_count;
 } pci_skin_frames;
 
 // What follows from the driver alone: origin, unit, columns.
@@ -50,19 +52,17 @@ bool pci_skin_frames_build_sequential(pci_scratch *scratch, const pci_skin_probl
 // Takes the stiffness of edges from another problem that is the same but for it.
 void pci_skin_frames_use(pci_skin_frames *w, const pci_skin_problem *problem);
 
-void pci_skin_frames_set_weights(pci_skin_frames *w, const double *weights);
-
-// Evaluates the blocks begin, begin + stride, ... below `end`. `sums` (#patches by #blocks, the
-// patch first) may be NULL. False: cancelled.
-bool pci_skin_frames_evaluate(pci_skin_frames *w, size_t begin, size_t end, size_t stride,
-                              bool gradient, pci_skin_sums *sums);
+// Evaluates the blocks begin, begin + stride, ... below `end` for weights of #V by slots.
+// `of_patches` (#patches, in the kernel's unit) may be NULL. False: cancelled.
+bool pci_skin_frames_evaluate(pci_skin_frames *w, const double *weights, size_t begin, size_t end,
+                              size_t stride, bool gradient, pci_skin_measures *of_patches);
 
 // The row of dE/dW of one vertex, of the blocks evaluated last.
 void pci_skin_frames_row(const pci_skin_frames *w, size_t vertex, double *row);
 
-// Adds up the sums of all blocks; `per_frame` (#frames by 3) may be NULL.
-void pci_skin_frames_add(const pci_skin_frames *w, const pci_skin_sums *sums,
-                         pci_skin_measures *measures, double *per_frame);
+// Adds up what the patches tell.
+void pci_skin_frames_add(const pci_skin_frames *w, const pci_skin_measures *of_patches,
+                         pci_skin_measures *measures);
 
 // Elements of arrays of the kernel's real type.
 void *pci_skin_reals(pci_scratch *scratch, const pci_skin_kernel *kernel, size_t count);

@@ -6,6 +6,8 @@
 #include "proxycloth/mesh.h"
 #include "stages/skin_kernel.h"
 
+enum { PCI_SKIN_NEIGHBOURS_MAX = 32 };
+
 typedef struct pci_skin_problem {
     size_t vertex_count;
     const double *rest;         // #V by 3
@@ -13,7 +15,8 @@ typedef struct pci_skin_problem {
     const uint32_t *ring;       // N(i): vertices joined to i by an edge
     uint32_t near_count;        // k_K
     const uint32_t *near;       // K(i): #V by near_count
-    const double *near_weights; // Kw: #V by near_count, rows sum to 1; V - Kw V is K V of (10)
+    const double *near_sums;    // #V: see pci_skin_near_weight
+    double near_epsilon;        // epsilon_z of (10)
     double norms[3];            // of L_r, L_c, L_a; see pc_skin_losses
     double typical;             // 0, or the squared length at which an edge has stiffness 1
     const uint32_t *order;      // #V, along a curve through space, for patches and groups
@@ -37,6 +40,10 @@ bool pci_skin_problem_finish(pci_scratch *scratch, uint32_t neighbours, pci_skin
 // squared length. `norms` follow.
 void pci_skin_problem_equalize(pci_skin_problem *problem);
 
+// Kw of the neighbour near[e] of vertex i, which sum to 1 over its neighbours; V - Kw V is K V of
+// equation (10). Found again from the distance, by division: for loops that run once.
+double pci_skin_near_weight(const pci_skin_problem *problem, size_t i, size_t e);
+
 // Factor of the edge from i to j in L_r, L_c and L_s; 1 for the paper's losses.
 double pci_skin_stiffness(const pci_skin_problem *problem, size_t i, size_t j);
 
@@ -45,10 +52,10 @@ typedef struct pci_skin_measures {
     uint64_t reflections; // vertex-frames with det(S) < 0 in L_r
 } pci_skin_measures;
 
-// Losses for given weights, #V by slots. `per_frame` (#frames by 3) may be NULL.
+// Losses for given weights, #V by slots.
 PC_NODISCARD pc_status pci_skin_measure(pc_context *context, const pci_skin_problem *problem,
                                         const pci_skin_kernel *kernel, const double *weights,
-                                        pci_skin_measures *measures, double *per_frame);
+                                        pci_skin_measures *measures);
 
 // sum_x scale_x dL_x/dW over all frames with the entries of W taken as free, #V by slots. Kernels
 // in float leave out a part that is constant along each row.

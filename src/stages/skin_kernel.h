@@ -32,7 +32,7 @@ typedef struct pci_skin_patch {
     const pci_skin_runs *runs; // #own
     const uint32_t *targets;   // j of each edge, as local vertex
     const void *vectors;       // real, s_ij e_ij, 3 per edge
-    const void *lengths;       // real, s_ij |e_ij| per edge
+    const void *lengths;       // real, s_ij |e_ij| of the edges of the ring to j > i, in order
     const void *stiffness;     // real, s_ij per edge
     const void *near_weights;  // real, Kw_ij per edge, 0 outside K(i)
     const void *constants;     // real, #own by 17: see pci_skin_constant
@@ -51,7 +51,7 @@ typedef struct pci_skin_data {
     uint32_t slots;
     uint32_t columns;      // of the driver, see skin_driver.h
     const uint32_t *bones; // #V by slots
-    const void *weights;   // real, #V by slots
+    const double *weights; // #V by slots
     const void *points;    // real, #V by columns
     double scale[4];       // of the gradients of L_r, L_c, L_a, L_s
 } pci_skin_data;

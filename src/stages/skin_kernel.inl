@@ -290,17 +290,18 @@ NAME(fit_rotations)(VEC s[2][9], const REAL factor[2], VEC turn[2][9]) {
 static inline __attribute__((always_inline)) void
 NAME(displace)(const pci_skin_data *data, const pci_skin_patch *patch, const REAL *driver,
                const size_t columns, REAL *displacements) {
-    const REAL *weights = data->weights, *points = data->points;
+    const REAL *points = data->points;
     for (size_t v = 0; v < patch->local_count; ++v) {
         const uint32_t *bones = &data->bones[(size_t)patch->vertices[v] * data->slots];
-        const REAL *weight = &weights[(size_t)patch->vertices[v] * data->slots];
+        const double *weights = &data->weights[(size_t)patch->vertices[v] * data->slots];
         const REAL *point = &points[(size_t)patch->vertices[v] * columns];
         for (size_t lane = 0; lane < PCI_BLOCK; lane += LANES) {
             VEC map[12] = {{0}};
             for (size_t k = 0; k < data->slots; ++k) {
                 const REAL *d = &driver[3 * PCI_BLOCK * columns * bones[k] + lane];
+                const REAL weight = (REAL)weights[k];
                 for (size_t c = 0; c < 3 * columns; ++c) {
-                    map[c] += weight[k] * LOAD(d + c * PCI_BLOCK);
+                    map[c] += weight * LOAD(d + c * PCI_BLOCK);
                 }
             }
             REAL *u = &displacements[3 * PCI_BLOCK * v + lane];
@@ -318,7 +319,7 @@ NAME(displace)(const pci_skin_data *data, const pci_skin_patch *patch, const REA
 typedef struct NAME(vertex) {
     const pci_skin_patch *patch;
     const pci_skin_runs *runs;
-    const REAL *constants, *displacements; // the latter from the lane on
+    const REAL *constants, *lengths, *displacements; // the last from the lane on
     VEC u[3];
 } NAME(vertex);
 
@@ -432,8 +433,7 @@ static inline __attribute__((always_inline)) void NAME(pull)(const NAME(vertex) 
 // The same for L_s.
 static inline __attribute__((always_inline)) void NAME(stretch)(const NAME(vertex) * v, REAL share,
                                                                 REAL *forces, VEC own[3]) {
-    const REAL *e = v->patch->vectors, *lengths = v->patch->lengths;
-    const REAL *stiffness = v->patch->stiffness;
+    const REAL *e = v->patch->vectors, *stiffness = v->patch->stiffness;
     for (size_t k = v->runs->upper; k < v->runs->upper_end; ++k) {
         const size_t at = 3 * PCI_BLOCK * (size_t)v->patch->targets[k];
         const REAL *uj = &v->displacements[at];
@@ -441,7 +441,8 @@ static inline __attribute__((always_inline)) void NAME(stretch)(const NAME(verte
         const VEC x = e[3 * k] + stiffness[k] * (v->u[0] - LOAD(uj));
         const VEC y = e[3 * k + 1] + stiffness[k] * (v->u[1] - LOAD(uj + PCI_BLOCK));
         const VEC z = e[3 * k + 2] + stiffness[k] * (v->u[2] - LOAD(uj + 2 * PCI_BLOCK));
-        const VEC factor = share - share * lengths[k] * NAME(inverse_root)(x * x + y * y + z * z);
+        const REAL length = v->lengths[k - v->runs->upper];
+        const VEC factor = share - share * length * NAME(inverse_root)(x * x + y * y + z * z);
         const VEC t[3] = {factor * x, factor * y, factor * z};
         for (size_t c = 0; c < 3; ++c) {
             own[c] += t[c];
@@ -571,12 +572,14 @@ static void NAME(evaluate)(const pci_skin_data *data, const pci_skin_patch *patc
     if (gradient != NULL) {
         memset(forces, 0, 3 * PCI_BLOCK * patch->local_count * sizeof(*forces));
     }
+    const REAL *lengths = patch->lengths;
     for (size_t i = 0; i < patch->own_count; ++i) {
         for (size_t lane = 0; lane < PCI_BLOCK; lane += LANES) {
             NAME(vertex)
             v = {.patch = patch,
                  .runs = &patch->runs[i],
                  .constants = (const REAL *)patch->constants + PCI_SKIN_CONSTANTS * i,
+                 .lengths = lengths,
                  .displacements = &displacements[lane]};
             VEC s[2][9], turn[2][9], attached[3], squares[2];
             for (size_t k = 0; k < 3; ++k) {
@@ -598,6 +601,7 @@ static void NAME(evaluate)(const pci_skin_data *data, const pci_skin_patch *patc
                  &forces[3 * PCI_BLOCK * i + lane]);
             }
         }
+        lengths += patch->runs[i].upper_end - patch->runs[i].upper;
     }
     if (gradient != NULL && data->columns == 1) {
         NAME(collect)(data, patch, driver, 1, forces, gradient);

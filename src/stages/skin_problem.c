@@ -8,20 +8,25 @@ static const double stiffness_floor = 0.01;
 
 typedef struct near_job {
     const pci_knn *knn;
-    pci_skin_problem *problem;
+    const pci_skin_problem *problem;
     uint32_t *near;
-    double *distances; // #V by near_count
+    double *sums;
 } near_job;
+
+static double distance(const pci_skin_problem *p, size_t i, size_t j) {
+    return sqrt(pci_squared_distance(&p->rest[3 * i], &p->rest[3 * j]));
+}
 
 static void find_near(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
-    near_job *job = user;
-    const size_t k = job->problem->near_count;
+    const near_job *job = user;
+    const pci_skin_problem *p = job->problem;
+    const size_t k = p->near_count;
+    double squared[PCI_SKIN_NEIGHBOURS_MAX];
     for (size_t v = begin; v < end; ++v) {
-        pci_knn_query(job->knn, &job->problem->rest[3 * v], k, (uint32_t)v, &job->near[k * v],
-                      &job->distances[k * v]);
-        for (size_t e = k * v; e < k * v + k; ++e) {
-            job->distances[e] = sqrt(job->distances[e]);
+        pci_knn_query(job->knn, &p->rest[3 * v], k, (uint32_t)v, &job->near[k * v], squared);
+        for (size_t e = 0; e < k; ++e) {
+            job->sums[v] += 1.0 / (sqrt(squared[e]) + p->near_epsilon);
         }
     }
 }
@@ -52,9 +57,10 @@ bool pci_skin_problem_finish(pci_scratch *scratch, uint32_t neighbours, pci_skin
     const pc_mesh points = {.vertex_count = nv, .positions = (double *)problem->rest};
     memset(problem->norms, 0, sizeof(problem->norms));
     problem->near_count = nv - 1 < neighbours ? (uint32_t)(nv - 1) : neighbours;
+    problem->near_epsilon = pci_diagonal(&points) * (1e-3 / 1.5); // 1 mm on a garment of 1.5 m
     const size_t k = problem->near_count;
     uint32_t *order = NULL, *near = PCI_SCRATCH(scratch, uint32_t, k * nv);
-    double *weights = PCI_SCRATCH(scratch, double, k *nv); // distances at first
+    double *sums = PCI_SCRATCH(scratch, double, nv);
     if (scratch->failed || !pci_sort_points(scratch, nv, problem->rest, &order)) {
         return false;
     }
@@ -62,7 +68,7 @@ bool pci_skin_problem_finish(pci_scratch *scratch, uint32_t neighbours, pci_skin
     pci_knn knn;
     const bool built = pci_knn_build(&local, nv, problem->rest, &knn);
     if (built) {
-        near_job job = {.knn = &knn, .problem = problem, .near = near, .distances = weights};
+        near_job job = {.knn = &knn, .problem = problem, .near = near, .sums = sums};
         pci_parallel_for(scratch->context, nv, 256, find_near, &job);
     }
     pci_scratch_end(&local);
@@ -71,20 +77,14 @@ bool pci_skin_problem_finish(pci_scratch *scratch, uint32_t neighbours, pci_skin
     }
     problem->order = order;
     problem->near = near;
-    problem->near_weights = weights;
+    problem->near_sums = sums;
 
-    // Kw_ij of equation (10); epsilon_z is 1 mm on a garment of 1.5 m.
-    const double epsilon = pci_diagonal(&points) * (1e-3 / 1.5);
     for (size_t v = 0; v < nv; ++v) {
-        double sum = 0.0, mean = 0.0;
+        double mean = 0.0;
         for (size_t e = k * v; e < k * v + k; ++e) {
-            mean += weights[e] / (double)k;
-            problem->norms[1] += weights[e] * weights[e];
-            weights[e] = 1.0 / (weights[e] + epsilon);
-            sum += weights[e];
-        }
-        for (size_t e = k * v; e < k * v + k; ++e) {
-            weights[e] /= sum;
+            const double length = distance(problem, v, near[e]);
+            mean += length / (double)k;
+            problem->norms[1] += length * length;
         }
         problem->norms[2] += mean * mean;
         for (size_t e = problem->ring_offsets[v]; e < problem->ring_offsets[v + 1]; ++e) {
@@ -93,6 +93,10 @@ bool pci_skin_problem_finish(pci_scratch *scratch, uint32_t neighbours, pci_skin
         }
     }
     return true;
+}
+
+double pci_skin_near_weight(const pci_skin_problem *p, size_t i, size_t e) {
+    return 1.0 / (distance(p, i, p->near[e]) + p->near_epsilon) / p->near_sums[i];
 }
 
 bool pci_skin_problem_build(pci_scratch *scratch, const pc_mesh *surface, uint32_t neighbours,

@@ -78,11 +78,15 @@ static void build_row(const pci_skin_problem *p, const incoming_lists *in, const
     }
     for (size_t e = k * i; e < k * i + k; ++e) {
         const uint32_t j = p->near[e];
-        add_spring(b, i, j, scale[1] * pci_skin_stiffness(p, i, j) + scale[2] * p->near_weights[e]);
+        add_spring(b, i, j,
+                   scale[1] * pci_skin_stiffness(p, i, j) +
+                       scale[2] * pci_skin_near_weight(p, i, e));
     }
     for (size_t s = in->offsets[i]; s < in->offsets[i + 1]; ++s) {
         const uint32_t e = in->edges[s], r = (uint32_t)(e / k);
-        add_spring(b, i, r, scale[1] * pci_skin_stiffness(p, i, r) + scale[2] * p->near_weights[e]);
+        add_spring(b, i, r,
+                   scale[1] * pci_skin_stiffness(p, i, r) +
+                       scale[2] * pci_skin_near_weight(p, r, e));
     }
 }
 
@@ -266,7 +270,14 @@ static bool build_loaded(pci_scratch *scratch, pci_skin_quadratic *q) {
     return !scratch->failed;
 }
 
+// Z is kept of faces of so many slots; rows rarely have more for long.
+enum { KEPT_SLOTS = 10 };
+
 static size_t triangle_size(size_t slots) { return slots * (slots + 1) / 2; }
+
+static size_t kept_size(const pci_skin_quadratic *q) {
+    return triangle_size(q->widest < KEPT_SLOTS ? q->widest : KEPT_SLOTS);
+}
 
 bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *problem,
                               const pci_skin_kernel *kernel, const double *points,
@@ -277,24 +288,21 @@ bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *prob
     q->context = scratch->context;
     q->vertex_count = problem->vertex_count;
     q->proxy_count = problem->proxy_count;
-    q->slots = problem->slots;
+    q->slots = q->widest = problem->slots;
     q->bones = problem->bones;
     q->width = pci_skin_columns(problem);
     q->points = points;
     q->gram = gram;
     q->allowed = allowed;
     q->faces = PCI_SCRATCH(scratch, uint32_t, q->vertex_count);
-    q->inverses = PCI_SCRATCH(scratch, float, q->vertex_count *triangle_size(q->slots));
+    q->inverses = PCI_SCRATCH(scratch, float, q->vertex_count *kept_size(q));
     return !scratch->failed && build_matrix(scratch, problem, scale, diagonal, q) &&
            build_groups(scratch, problem, q) && colour_groups(scratch, q) &&
            build_loaded(scratch, q);
 }
 
-void pci_skin_quadratic_use(pci_skin_quadratic *q, const double *gram, uint32_t slots) {
-    if (q->gram != gram || q->slots != slots) {
-        memset(q->faces, 0, q->vertex_count * sizeof(*q->faces));
-    }
-    q->gram = gram;
+void pci_skin_quadratic_use(pci_skin_quadratic *q, uint32_t slots) {
+    memset(q->faces, 0, q->vertex_count * sizeof(*q->faces));
     q->slots = slots;
 }
 
@@ -560,11 +568,11 @@ static inline __attribute__((always_inline)) bool minimize_on_face(const sweep_j
                                                                    row_program *r) {
     const pci_skin_quadratic *q = job->q;
     const size_t v = g->vertices[row];
-    float *inverse = &q->inverses[v * triangle_size(q->slots)];
+    float *inverse = &q->inverses[v * kept_size(q)];
     double step[PCI_SKIN_SLOTS_MAX];
     row_face face;
     find_face(r, &face);
-    if (face.count == 0) {
+    if (face.count == 0 || face.count > KEPT_SLOTS) {
         return false;
     }
     if (q->faces[v] != face.bits) {
@@ -671,7 +679,7 @@ static inline void fetch(const void *memory, size_t size) {
 // Rows that follow one another are far apart in memory.
 static void fetch_row(const sweep_job *job, size_t v) {
     const pci_skin_quadratic *q = job->q;
-    const size_t first = v * q->slots, triangle = triangle_size(q->slots);
+    const size_t first = v * q->slots, triangle = kept_size(q);
     const size_t entries = q->offsets[v + 1] - q->offsets[v];
     fetch(&q->values[q->offsets[v]], entries * sizeof(*q->values));
     fetch(&q->inverses[v * triangle], triangle * sizeof(*q->inverses));

@@ -46,10 +46,11 @@ typedef struct pci_skin_quadratic {
     pc_context *context;
     const pci_skin_kernel *kernel;
     size_t vertex_count, proxy_count;
-    uint32_t slots, width; // width: numbers of x^
-    const uint32_t *bones; // #V by slots
-    const double *points;  // #V by width: x^
-    size_t *offsets;       // #V + 1: rows of M, the diagonal is the first entry
+    uint32_t slots, widest; // now, and at first
+    uint32_t width;         // numbers of x^
+    const uint32_t *bones;  // #V by slots
+    const double *points;   // #V by width: x^
+    size_t *offsets;        // #V + 1: rows of M, the diagonal is the first entry
     uint32_t *columns;
     float *values;
     const double *gram;      // G, #P width by #P width
@@ -57,7 +58,7 @@ typedef struct pci_skin_quadratic {
     // Where a row lies on the face of the free slots, its gradient g moves it by -Z g / M_ii to the
     // minimum there. Z (pci_simplex_invert of x^T G x) stays as long as the face and G do.
     uint32_t *faces; // #V, bits of the free slots that Z is for, 0: none
-    float *inverses; // #V by slots (slots + 1) / 2: Z, lower triangle over the free slots
+    float *inverses; // #V by a triangle: Z over the free slots, of faces that are not too large
     // Vertices in groups; groups of one colour share no entry of M.
     uint32_t group_count, colour_count;
     uint32_t *group_offsets;  // #groups + 1, into members
@@ -79,8 +80,8 @@ bool pci_skin_quadratic_weigh(pci_scratch *scratch, const pci_skin_problem *prob
                               const double scale[4], const double *diagonal,
                               pci_skin_quadratic *quadratic);
 
-// Another G; or, with the same one, other slots.
-void pci_skin_quadratic_use(pci_skin_quadratic *quadratic, const double *gram, uint32_t slots);
+// Takes notice of other numbers in G, or other slots.
+void pci_skin_quadratic_use(pci_skin_quadratic *quadratic, uint32_t slots);
 
 // Gauss-Seidel over the groups, each swept there and back: every vertex is minimised exactly over
 // the simplex, twice.

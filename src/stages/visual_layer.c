@@ -140,7 +140,7 @@ static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh 
     p.touch_reach = cell_size + thickness;
     p.sees = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
     uint8_t *missed = PCI_SCRATCH(scratch, uint8_t, surface->vertex_count);
-    if (scratch->failed || !pci_topology_build(scratch, layer, &topology)) {
+    if (scratch->failed || !pci_topology_build_edges(scratch, layer, &topology)) {
         return pci_fail_memory(context, stage);
     }
     p.component_count = pci_triangle_components(scratch, layer, &topology, component);
@@ -291,7 +291,7 @@ pc_status pci_face_like(pci_scratch *scratch, const char *stage, const pc_mesh *
     pci_bvh *bvh = NULL;
     double *votes = PCI_SCRATCH(scratch, double, layer->triangle_count);
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
-    if (scratch->failed || !pci_topology_build(scratch, layer, &topology)) {
+    if (scratch->failed || !pci_topology_build_edges(scratch, layer, &topology)) {
         return pci_fail_memory(scratch->context, stage);
     }
     const size_t count = pci_triangle_components(scratch, layer, &topology, component);

@@ -2,13 +2,29 @@
 #ifndef PCI_WEIGHT_ROWS_H
 #define PCI_WEIGHT_ROWS_H
 
-#include "core/bvh.h"
+#include "core/core.h"
 #include "proxycloth/skin.h"
+
+// A point of a mesh.
+typedef struct pci_place {
+    uint32_t triangle;
+    double barycentric[3];
+} pci_place;
 
 // The closest point of the proxy for every visual vertex, #V.
 PC_NODISCARD pc_status pci_closest_points(pc_context *context, const char *stage,
                                           const pc_mesh *surface, const pc_mesh *proxy,
-                                          pci_closest *closest);
+                                          pci_place *closest);
+
+// pc_skin_closest_triangle where the closest points are known.
+PC_NODISCARD pc_status pci_skin_follow_points(pc_context *context, const pc_mesh *proxy,
+                                              size_t count, const pci_place *closest,
+                                              pc_skin *skin);
+
+// pc_skin_heat_smoothed where the closest-triangle weights are known.
+PC_NODISCARD pc_status pci_skin_smooth(pc_context *context, const pc_mesh *surface,
+                                       const pc_mesh *proxy, const pc_skin *closest,
+                                       uint32_t influences, pc_skin *skin);
 
 // False: out of memory; what there is, pc_skin_free takes.
 bool pci_skin_allocate(pc_context *context, size_t vertex_count, uint32_t influences,

@@ -12,7 +12,6 @@
 #include "core/topology.h"
 #include "stages/skin_alternate.h"
 #include "stages/skin_fit.h"
-#include "stages/weight_rows.h"
 #include "support/garment.h"
 #include "support/peak.h"
 
@@ -117,7 +116,7 @@ static void set_motion(const pc_asset *asset, const pc_skin *skin, pci_skin_prob
 
 // The default solver on the paper's energy, all candidates.
 static bool alternate(pci_scratch *scratch, const pc_asset *asset, const pci_skin_problem *problem,
-                      pci_closest *closest, uint32_t rounds, pc_skin *skin) {
+                      pci_place *closest, uint32_t rounds, pc_skin *skin) {
     const double lambda[4] = {1.0, 1.0, 0.1, 0.0};
     const pci_skin_kernel *kernel = pci_skin_kernel_float();
     pc_skin_options options;
@@ -126,7 +125,7 @@ static bool alternate(pci_scratch *scratch, const pc_asset *asset, const pci_ski
     options.rounds = rounds;
     options.round_gain = 0.0;
     uint32_t left = rounds;
-    pci_skin_gram grams[PCI_SKIN_LEVELS];
+    pci_skin_gram gram;
     pci_skin_alternation alternation;
     pci_skin_fit fit = {.context = scratch->context,
                         .options = &options,
@@ -140,9 +139,9 @@ static bool alternate(pci_scratch *scratch, const pc_asset *asset, const pci_ski
                         .follow_share = 1.0};
     const bool good = pc_skin_closest_triangle(scratch->context, fit.surface, fit.proxy,
                                                &fit.followed) == PC_OK &&
-                      pci_skin_grams_build(scratch, problem, kernel, 0.0, grams) &&
-                      pci_skin_start_from_coarse(&fit, grams, &left) == PC_OK &&
-                      pci_skin_alternation_build(scratch, problem, kernel, grams, &alternation) &&
+                      pci_skin_gram_build(scratch, problem, kernel, 0.0, &gram) &&
+                      pci_skin_start_from_coarse(&fit, &gram, &left) == PC_OK &&
+                      pci_skin_alternation_build(scratch, problem, kernel, &gram, &alternation) &&
                       pci_skin_alternation_weigh(scratch, &alternation, lambda, 0.0) &&
                       pci_skin_alternation_run(&alternation, rounds, 0.0, false, 0.0, 1.0,
                                                skin->weights) == PC_OK;
@@ -165,7 +164,7 @@ static bool run_paper(bench *b, const char *name, uint32_t batch, uint32_t steps
     pc_skin skin = {.vertex_count = nv, .influences = SLOTS};
     skin.bones = PCI_SCRATCH(&scratch, uint32_t, SLOTS * nv);
     skin.weights = PCI_SCRATCH(&scratch, double, SLOTS *nv);
-    pci_closest *closest = PCI_SCRATCH(&scratch, pci_closest, nv);
+    pci_place *closest = PCI_SCRATCH(&scratch, pci_place, nv);
     bool good = !scratch.failed && pci_skin_problem_build(&scratch, surface, SLOTS, &problem) &&
                 pci_closest_points(b->context, "skin", surface, &asset->proxy, closest) == PC_OK &&
                 pci_skin_find_candidates(&scratch, surface, &asset->proxy, closest, NULL, SLOTS,
@@ -213,17 +212,16 @@ static bool run_kernel(bench *b) {
         good =
             pci_skin_frames_build_sequential(&scratch, &problem, pci_skin_kernel_float(), &frames);
     }
-    pci_skin_sums *sums =
-        good ? PCI_SCRATCH(&scratch, pci_skin_sums, frames.patch_count * frames.block_count) : NULL;
+    pci_skin_measures *measures =
+        good ? PCI_SCRATCH(&scratch, pci_skin_measures, frames.patch_count) : NULL;
     double best[3] = {INFINITY, INFINITY, INFINITY};
-    for (size_t i = 0; i < 60 && sums != NULL; ++i) {
+    for (size_t i = 0; i < 60 && measures != NULL; ++i) {
         for (size_t x = 0; x < 4; ++x) {
             frames.data.scale[x] = x < 3 || i % 3 == 2 ? 1.0 : 0.0;
         }
-        pci_skin_frames_set_weights(&frames, skin->weights);
         const double start = cpu_seconds();
-        good = pci_skin_frames_evaluate(&frames, 0, frames.block_count, 1, true,
-                                        i % 3 == 0 ? NULL : sums);
+        good = pci_skin_frames_evaluate(&frames, skin->weights, 0, frames.block_count, 1, true,
+                                        i % 3 == 0 ? NULL : measures);
         const double seconds = cpu_seconds() - start;
         best[i % 3] = seconds < best[i % 3] ? seconds : best[i % 3];
     }
@@ -232,7 +230,7 @@ static bool run_kernel(bench *b) {
         "  one evaluation, ns per vertex and frame: gradient %.1f, and losses %.1f, and L_s %.1f\n",
         best[0] * scale, best[1] * scale, best[2] * scale);
     pci_scratch_end(&scratch);
-    return good && sums != NULL;
+    return good && measures != NULL;
 }
 
 static bool run_stage(bench *b, const char *name, const pc_skin_options *options) {

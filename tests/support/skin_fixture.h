@@ -85,20 +85,14 @@ static inline void load_fixture(const char *name, uint32_t threads, fixture *f) 
     }
     free(near);
     p->near = f->near;
-    double *near_weights = calloc(p->vertex_count * p->near_count, sizeof(double));
-    for (size_t v = 0; v < p->vertex_count; ++v) {
-        double *row = &near_weights[v * p->near_count], sum = 0.0;
-        for (size_t k = 0; k < p->near_count; ++k) {
-            const uint32_t j = p->near[v * p->near_count + k];
-            row[k] =
-                1.0 / (sqrt(pci_squared_distance(&p->rest[3 * v], &p->rest[3 * (size_t)j])) + 1e-3);
-            sum += row[k];
-        }
-        for (size_t k = 0; k < p->near_count; ++k) {
-            row[k] /= sum;
-        }
+    p->near_epsilon = 1e-3;
+    double *sums = calloc(p->vertex_count, sizeof(double));
+    for (size_t e = 0; e < p->vertex_count * p->near_count; ++e) {
+        const size_t v = e / p->near_count;
+        const double *other = &p->rest[3 * (size_t)p->near[e]];
+        sums[v] += 1.0 / (sqrt(pci_squared_distance(&p->rest[3 * v], other)) + p->near_epsilon);
     }
-    p->near_weights = near_weights;
+    p->near_sums = sums;
 }
 
 // Gives every proxy vertex a rotation of its own in every frame.
@@ -137,7 +131,7 @@ static inline void displacement_by(const fixture *f, size_t frame, size_t bone, 
 
 static inline void free_fixture(fixture *f) {
     free(f->rotations);
-    free((double *)(uintptr_t)f->problem.near_weights);
+    free((double *)(uintptr_t)f->problem.near_sums);
     free(f->frames);
     free(f->surrogate);
     free(f->weights);

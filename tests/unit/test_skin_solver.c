@@ -139,6 +139,7 @@ typedef struct solver {
     fixture f;
     pc_motion motion;
     pc_skin followed;
+    pci_skin_gram gram;
     pci_skin_alternation a;
 } solver;
 
@@ -156,10 +157,9 @@ static void open_noisy(const char *name, uint32_t frames, uint32_t threads, doub
                                                             s->f.rotations));
         s->f.problem.rotations = s->f.rotations;
     }
-    pci_skin_gram grams[PCI_SKIN_LEVELS];
     const pci_skin_kernel *kernel = pci_skin_kernel_double();
-    assert_true(pci_skin_grams_build(&s->f.scratch, &s->f.problem, kernel, noise, grams));
-    assert_true(pci_skin_alternation_build(&s->f.scratch, &s->f.problem, kernel, grams, &s->a));
+    assert_true(pci_skin_gram_build(&s->f.scratch, &s->f.problem, kernel, noise, &s->gram));
+    assert_true(pci_skin_alternation_build(&s->f.scratch, &s->f.problem, kernel, &s->gram, &s->a));
     assert_ok(s->f.context,
               pc_skin_closest_triangle(s->f.context, &s->f.visual, &s->f.proxy, &s->followed));
     pci_skin_alternation_follow(&s->a, &s->f.proxy, &s->followed);
@@ -208,8 +208,8 @@ static void the_matrix_is_that_of_the_losses(void **state) {
             for (size_t e = v * p->near_count; e < (v + 1) * p->near_count; ++e) {
                 const double square = (u[v] - u[p->near[e]]) * (u[v] - u[p->near[e]]);
                 direct += scale[1] * square;
-                attached_bound += p->near_weights[e] * square;
-                attached -= p->near_weights[e] * u[p->near[e]];
+                attached_bound += pci_skin_near_weight(p, v, e) * square;
+                attached -= pci_skin_near_weight(p, v, e) * u[p->near[e]];
             }
             attached_exact += attached * attached;
             direct += s.a.follow[v] * u[v] * u[v];
@@ -257,9 +257,9 @@ static void groups_of_one_colour_share_nothing(void **state) {
 static double product_of(const solver *s, size_t i, size_t j) {
     const pci_skin_problem *p = &s->f.problem;
     const size_t columns = s->a.frames.data.columns;
-    return pci_skin_gram_product(
-        s->a.grams[PCI_SKIN_ALL].matrix, p->proxy_count, columns, p->bones[i], p->bones[j],
-        &s->a.frames.points[i / p->slots * columns], &s->a.frames.points[j / p->slots * columns]);
+    return pci_skin_gram_product(s->gram.matrix, p->proxy_count, columns, p->bones[i], p->bones[j],
+                                 &s->a.frames.points[i / p->slots * columns],
+                                 &s->a.frames.points[j / p->slots * columns]);
 }
 
 // Products of displacements, summed over the frames: what one proxy vertex does to one vertex times
@@ -311,7 +311,7 @@ static void noise_pulls_as_its_energy_says(void **state) {
     const pci_skin_problem *p = &noisy.f.problem;
     const pci_skin_quadratic *q = &noisy.a.quadratic;
     const size_t slots = p->slots, count = noisy.f.count, influences = noisy.followed.influences;
-    const double noise = noisy.a.grams[PCI_SKIN_ALL].noise;
+    const double noise = noisy.gram.noise;
     double *w = calloc(count, sizeof(double)), *pull = calloc(p->proxy_count, sizeof(double));
     solver *both[] = {&plain, &noisy};
     for (size_t i = 0; i < 2; ++i) {
@@ -324,7 +324,7 @@ static void noise_pulls_as_its_energy_says(void **state) {
     for (size_t i = 0; i < count; ++i) {
         largest = fmax(largest, fabs((double)noisy.a.gradient[i]));
     }
-    assert_true(noise > 0.0 && plain.a.grams[PCI_SKIN_ALL].noise == 0.0);
+    assert_true(noise > 0.0 && plain.gram.noise == 0.0);
     memcpy(w, noisy.f.weights, count * sizeof(double));
     for (size_t v = 0; v < p->vertex_count; ++v) {
         const double follow = 2.0 * noisy.a.follow[v];
@@ -406,7 +406,7 @@ static double loss_of(const fixture *f, const double *weights) {
     pci_skin_measures measures;
     double sum = 0.0;
     assert_ok(f->context, pci_skin_measure(f->context, &f->problem, pci_skin_kernel_double(),
-                                           weights, &measures, NULL));
+                                           weights, &measures));
     for (size_t x = 0; x < 3; ++x) {
         sum += lambda_all[x] * measures.losses[x] /
                (f->problem.norms[x] * (double)f->problem.frame_count);
@@ -465,9 +465,9 @@ static void a_sample_of_the_frames_leads_to_the_same_loss(void **state) {
     double *sampled = calloc(f->count, sizeof(double)), *full = calloc(f->count, sizeof(double));
     memcpy(sampled, f->weights, f->count * sizeof(double));
     memcpy(full, f->weights, f->count * sizeof(double));
-    assert_true(s.a.grams[PCI_SKIN_SAMPLE].stride > 1);
+    assert_true(s.gram.levels[PCI_SKIN_SAMPLE].stride > 1);
     assert_ok(f->context, pci_skin_alternation_run(&s.a, 32, 0.0, false, 0.0, 1.0, sampled));
-    s.a.grams[PCI_SKIN_SAMPLE].stride = 1; // from now on all frames
+    s.gram.levels[PCI_SKIN_SAMPLE].stride = 1; // from now on all frames
     assert_ok(f->context, pci_skin_alternation_run(&s.a, 32, 0.0, false, 0.0, 1.0, full));
     const double first = loss_of(f, f->weights), expected = loss_of(f, full);
     assert_true(expected < 0.8 * first);
@@ -595,7 +595,7 @@ static void short_rows_say_the_same(void **state) {
     pci_skin_measures measures, shortened;
     assert_ok(f->context, pci_skin_alternation_prune(&s.a, 5, w, &measures));
     assert_ok(f->context, pci_skin_alternation_measure(&s.a, PCI_SKIN_ALL, w, &measures));
-    const float target = s.a.targets[PCI_SKIN_ALL][0];
+    const float constant = s.a.constants[0];
     memcpy(f->surrogate, w, f->count * sizeof(double));
     pci_skin_alternation_compact(&s.a, 5, f->bones, w);
     f->problem.slots = 5;
@@ -612,7 +612,7 @@ static void short_rows_say_the_same(void **state) {
         assert_close(sum, 1.0, 1e-12);
         assert_int_equal(s.a.allowed[v], 0x1f);
     }
-    assert_true(f->bones[0] != bones[0] || s.a.targets[PCI_SKIN_ALL][0] == target);
+    assert_true(f->bones[0] != bones[0] || s.a.constants[0] == constant);
     assert_ok(f->context, pci_skin_alternation_measure(&s.a, PCI_SKIN_ALL, w, &shortened));
     for (size_t x = 0; x < 3; ++x) {
         assert_close(shortened.losses[x], measures.losses[x], 1e-9 * measures.losses[x]);
@@ -677,9 +677,8 @@ static void changes_are_prolonged(void **state) {
     pci_skin_coarse coarse;
     assert_true(pci_skin_coarsen(&s.f.scratch, fine, &coarse));
     double *change = calloc(coarse.problem.vertex_count * slots, sizeof(double));
-    const double *gram = s.a.grams[PCI_SKIN_ALL].matrix;
     memcpy(w, s.f.weights, s.f.count * sizeof(double));
-    pci_skin_prolong(&s.a.frames, gram, fine, &coarse, change, w);
+    pci_skin_prolong(&s.gram, fine, &coarse, change, w);
     for (size_t i = 0; i < s.f.count; ++i) {
         assert_close(w[i], s.f.weights[i], 1e-12);
     }
@@ -688,7 +687,7 @@ static void changes_are_prolonged(void **state) {
         change[c * slots + 1] = -0.2;
     }
     size_t moved = 0;
-    pci_skin_prolong(&s.a.frames, gram, fine, &coarse, change, w);
+    pci_skin_prolong(&s.gram, fine, &coarse, change, w);
     for (size_t v = 0; v < nv; ++v) {
         const double *row = &w[v * slots], *before = &s.f.weights[v * slots];
         double sum = 0.0;
@@ -771,7 +770,9 @@ static void what_is_followed_is_the_mean(void **state) {
     fixture f;
     load_fixture("dress796", 1, &f);
     pc_skin followed = {0}, closest = {0}, smoothed = {0};
-    assert_ok(f.context, pci_skin_follow_proxy(f.context, &f.visual, &f.proxy, &followed));
+    pci_place *points = PCI_SCRATCH(&f.scratch, pci_place, f.visual.vertex_count);
+    assert_ok(f.context, pci_closest_points(f.context, "skin", &f.visual, &f.proxy, points));
+    assert_ok(f.context, pci_skin_follow_proxy(f.context, &f.visual, &f.proxy, points, &followed));
     assert_ok(f.context, pc_skin_closest_triangle(f.context, &f.visual, &f.proxy, &closest));
     assert_ok(f.context, pc_skin_heat_smoothed(f.context, &f.visual, &f.proxy, followed.influences,
                                                &smoothed));

@@ -6,10 +6,14 @@
 
 // Triangles near a vertex that are kept, at most: more than where a garment is crumpled.
 enum { PAIRS = 32 };
+// Times that contacts are found again at the end of a substep.
+enum { FINISHING = 3 };
 // Pairs are found up to the distance to keep and this many mean edges more.
 static const double margin_edges = 0.5;
 // A side is remembered up to this barycentric coordinate beside the triangle.
 static const double least_kept = -0.5;
+// Pairs are found up to this one.
+static const double least_found = -1.0;
 // Triangles go on beyond borders up to this one, so that borders that lie on each other meet.
 static const double least_border = -0.25;
 // Steps for which a vertex that has got through is pushed back; what lasts longer is entangled.
@@ -29,7 +33,21 @@ typedef struct pair {
     int8_t now;    // the side in this step, also where the vertex only may come before the triangle
     uint8_t wrong; // steps for which it has been on the other side
     double distance; // to keep
+    double pushed;   // in this substep, distance
 } pair;
+
+// The plane of a triangle as it is in some positions, with what gives barycentric coordinates.
+typedef struct plane {
+    double origin[3], normal[3], along[2][3];
+    uint64_t number; // of the positions
+} plane;
+
+// A set of planes, each computed when it is asked for.
+typedef struct planes {
+    plane *planes; // #F
+    const double *x;
+    uint64_t number;
+} planes;
 
 // A contact of this substep: (vertex - triangle's point) . normal >= target.
 typedef struct press {
@@ -37,8 +55,8 @@ typedef struct press {
     double share[4];    // 1, then minus the barycentric coordinates
     double normal[3];
     double target;
-    double scale;  // moves by distance
-    double pushed; // so far, distance
+    double scale; // moves by distance
+    pair *pair;
 } press;
 
 struct pci_self_contact {
@@ -47,55 +65,68 @@ struct pci_self_contact {
     const double *rest; // #V by 3
     const size_t *ring_offsets;
     const uint32_t *ring;
-    uint8_t *caught; // #V, at an edge that is strained too far
-    uint8_t *open;   // #F, bit c: the edge across corner c is a border
+    uint32_t *next_to; // #V, the last triangle that a vertex is next to
+    uint8_t *caught;   // #V, at an edge that is strained too far
+    uint8_t *open;     // #F, bit c: the edge across corner c is a border
     double distance, reach, friction;
     double *reference;        // #V by 3, where the pairs were found
     pair *pairs, *older;      // #V by PAIRS
     uint8_t *counts, *olders; // #V, how many
     size_t cell_capacity;
     uint32_t *cell_starts, *cell_vertices, *vertex_cells;
+    planes then, now; // at the start of the step or substep; since the last search
     size_t press_count, press_capacity;
     press *presses;
 };
 
 // ---- geometry -----------------------------------------------------------------------------------
 
-// Barycentric coordinates of a point's projection, and its signed distance from the plane. False:
-// the triangle has no plane.
-static bool project(const pci_self_contact *self, const double *x, size_t triangle,
-                    const double point[3], double normal[3], double share[3], double *distance) {
-    const uint32_t *corner = &self->triangles[3 * triangle];
-    const double *a = &x[3 * (size_t)corner[0]];
-    double ab[3], ac[3], ap[3], across[3];
-    pci_sub(&x[3 * (size_t)corner[1]], a, ab);
-    pci_sub(&x[3 * (size_t)corner[2]], a, ac);
-    pci_sub(point, a, ap);
-    pci_cross(ab, ac, normal);
-    const double squared = pci_dot(normal, normal);
-    if (!(squared > 0.0)) {
-        return false;
-    }
-    pci_cross(ap, ac, across);
-    share[1] = pci_dot(across, normal) / squared;
-    pci_cross(ab, ap, across);
-    share[2] = pci_dot(across, normal) / squared;
-    share[0] = 1.0 - share[1] - share[2];
-    const double length = sqrt(squared);
-    for (size_t k = 0; k < 3; ++k) {
-        normal[k] /= length;
-    }
-    *distance = pci_dot(ap, normal);
-    return true;
+static void begin_planes(planes *set, const double *x) {
+    set->x = x;
+    ++set->number;
 }
 
-static double least(const double share[3]) { return fmin(share[0], fmin(share[1], share[2])); }
+static const plane *plane_of(planes *set, const uint32_t *corner, size_t triangle) {
+    plane *at = &set->planes[triangle];
+    if (at->number == set->number) {
+        return at;
+    }
+    const double *a = &set->x[3 * (size_t)corner[0]];
+    double ab[3], ac[3];
+    pci_sub(&set->x[3 * (size_t)corner[1]], a, ab);
+    pci_sub(&set->x[3 * (size_t)corner[2]], a, ac);
+    pci_cross(ab, ac, at->normal);
+    // Nothing is before a triangle without area: its coordinates are no numbers.
+    const double squared = pci_dot(at->normal, at->normal);
+    const double inverse = squared > 0.0 ? 1.0 / squared : (double)NAN;
+    pci_cross(ac, at->normal, at->along[0]);
+    pci_cross(at->normal, ab, at->along[1]);
+    const double scale = sqrt(inverse);
+    for (size_t k = 0; k < 3; ++k) {
+        at->origin[k] = a[k];
+        at->along[0][k] *= inverse;
+        at->along[1][k] *= inverse;
+        at->normal[k] *= scale;
+    }
+    at->number = set->number;
+    return at;
+}
+
+// Signed distance of a point from the plane, and barycentric coordinates of its projection.
+static double project(const plane *at, const double point[3], double share[3]) {
+    double offset[3];
+    pci_sub(point, at->origin, offset);
+    share[1] = pci_dot(offset, at->along[0]);
+    share[2] = pci_dot(offset, at->along[1]);
+    share[0] = 1.0 - share[1] - share[2];
+    return pci_dot(offset, at->normal);
+}
 
 // Whether a projection has left the triangle, over a border or far over another edge.
 static bool has_left(const pci_self_contact *self, size_t triangle, const double share[3],
                      double limit) {
     for (size_t c = 0; c < 3; ++c) {
-        if (share[c] < ((self->open[triangle] >> c & 1U) != 0 ? least_border : limit)) {
+        if (!(share[c] >= ((self->open[triangle] >> c & 1U) != 0 ? least_border : limit))) {
             return true;
         }
     }
@@ -119,8 +150,10 @@ static double squared_segment_distance(const double point[3], const double a[3],
 static double distance_to_keep(const pci_self_contact *self, size_t vertex, size_t triangle) {
     const double *x = self->rest, *point = &x[3 * vertex];
     const uint32_t *corner = &self->triangles[3 * triangle];
-    double normal[3], share[3], rest;
-    if (!project(self, x, triangle, point, normal, share, &rest) || least(share) < 0.0) {
+    plane at = {.number = 0};
+    planes alone = {.planes = &at, .x = x, .number = 1};
+    double share[3], rest = fabs(project(plane_of(&alone, corner, 0), point, share));
+    if (!(share[0] >= 0.0 && share[1] >= 0.0 && share[2] >= 0.0)) {
         double squared = INFINITY;
         for (size_t c = 0; c < 3; ++c) {
             squared = fmin(squared, squared_segment_distance(point, &x[3 * (size_t)corner[c]],
@@ -128,32 +161,27 @@ static double distance_to_keep(const pci_self_contact *self, size_t vertex, size
         }
         rest = sqrt(squared);
     }
-    return fmin(self->distance, rest_share * fabs(rest));
+    return fmin(self->distance, rest_share * rest);
 }
 
 // ---- pairs --------------------------------------------------------------------------------------
 
-// Whether a triangle has a corner in the vertex's 1-ring, or is in it.
-static bool is_next_to(const pci_self_contact *self, size_t vertex, size_t triangle) {
+// Marks the corners of a triangle and the vertices next to them, which may be as near as they like.
+static void mark_ring(pci_self_contact *self, size_t triangle) {
     const uint32_t *corner = &self->triangles[3 * triangle];
     for (size_t c = 0; c < 3; ++c) {
-        if (corner[c] == vertex) {
-            return true;
-        }
-        for (size_t i = self->ring_offsets[vertex]; i < self->ring_offsets[vertex + 1]; ++i) {
-            if (self->ring[i] == corner[c]) {
-                return true;
-            }
+        self->next_to[corner[c]] = (uint32_t)triangle;
+        for (size_t i = self->ring_offsets[corner[c]]; i < self->ring_offsets[corner[c] + 1]; ++i) {
+            self->next_to[self->ring[i]] = (uint32_t)triangle;
         }
     }
-    return false;
 }
 
-static void add_pair(pci_self_contact *self, const double *x, size_t vertex, size_t triangle) {
-    double normal[3], share[3], distance;
-    if (self->counts[vertex] == PAIRS || is_next_to(self, vertex, triangle) ||
-        !project(self, x, triangle, &x[3 * vertex], normal, share, &distance) ||
-        fabs(distance) > self->reach || has_left(self, triangle, share, -1.0)) {
+static void add_pair(pci_self_contact *self, const double *x, const plane *at, size_t vertex,
+                     size_t triangle) {
+    double share[3];
+    if (fabs(project(at, &x[3 * vertex], share)) > self->reach ||
+        has_left(self, triangle, share, least_found) || self->counts[vertex] == PAIRS) {
         return;
     }
     pair *added = &self->pairs[PAIRS * vertex + self->counts[vertex]++];
@@ -167,6 +195,7 @@ static void add_pair(pci_self_contact *self, const double *x, size_t vertex, siz
     }
     added->side = added->now = 0;
     added->wrong = 0;
+    added->pushed = 0.0;
     added->distance = distance_to_keep(self, vertex, triangle);
 }
 
@@ -231,6 +260,8 @@ static bool fill_grid(pci_self_contact *self, const double *x, grid *g) {
 // Pairs of the triangle with the vertices in the box around it.
 static void add_pairs_of(pci_self_contact *self, const double *x, const grid *g, size_t triangle) {
     const uint32_t *corner = &self->triangles[3 * triangle];
+    const plane *at_triangle = plane_of(&self->then, corner, triangle);
+    mark_ring(self, triangle);
     double least_at[3], most_at[3];
     size_t low[3], high[3];
     for (size_t k = 0; k < 3; ++k) {
@@ -248,9 +279,10 @@ static void add_pairs_of(pci_self_contact *self, const double *x, const grid *g,
             for (uint32_t n = self->cell_starts[row + low[0]]; n < end; ++n) {
                 const size_t v = self->cell_vertices[n];
                 const double *at = &x[3 * v];
-                if (at[0] >= least_at[0] && at[0] <= most_at[0] && at[1] >= least_at[1] &&
-                    at[1] <= most_at[1] && at[2] >= least_at[2] && at[2] <= most_at[2]) {
-                    add_pair(self, x, v, triangle);
+                if (self->next_to[v] != triangle && at[0] >= least_at[0] && at[0] <= most_at[0] &&
+                    at[1] >= least_at[1] && at[1] <= most_at[1] && at[2] >= least_at[2] &&
+                    at[2] <= most_at[2]) {
+                    add_pair(self, x, at_triangle, v, triangle);
                 }
             }
         }
@@ -264,6 +296,7 @@ static void find_pairs(pci_self_contact *self, const double *x) {
     self->older = self->pairs, self->olders = self->counts;
     self->pairs = pairs, self->counts = counts;
     memset(self->counts, 0, self->vertex_count);
+    memset(self->next_to, 0xff, self->vertex_count * sizeof(uint32_t));
     memcpy(self->reference, x, 3 * self->vertex_count * sizeof(double));
     if (fill_grid(self, x, &g)) {
         for (size_t t = 0; t < self->triangle_count; ++t) {
@@ -272,10 +305,9 @@ static void find_pairs(pci_self_contact *self, const double *x) {
     }
 }
 
-// Whether some vertex went so far from where the pairs were found that others may come near within
-// the step; what all do together does not matter.
-static bool is_outdated(const pci_self_contact *self, const double *x, const double *velocities,
-                        double dt) {
+// Whether some vertex went so far from where the pairs were found that others may have come near;
+// what all did together does not matter.
+static bool is_outdated(const pci_self_contact *self, const double *x) {
     double mean[3] = {0.0};
     for (size_t k = 0; k < 3 * self->vertex_count; ++k) {
         mean[k % 3] += (x[k] - self->reference[k]) / (double)self->vertex_count;
@@ -284,8 +316,7 @@ static bool is_outdated(const pci_self_contact *self, const double *x, const dou
     for (size_t v = 0; v < self->vertex_count; ++v) {
         double moved[3];
         for (size_t k = 0; k < 3; ++k) {
-            moved[k] =
-                x[3 * v + k] + dt * velocities[3 * v + k] - self->reference[3 * v + k] - mean[k];
+            moved[k] = x[3 * v + k] - self->reference[3 * v + k] - mean[k];
         }
         if (!(pci_dot(moved, moved) <= most * most)) {
             return true;
@@ -344,11 +375,11 @@ typedef struct look {
     int8_t here; // side of the plane
 } look;
 
-static look look_at(const pci_self_contact *self, size_t vertex, size_t triangle, const double *x) {
-    double normal[3], share[3], distance;
-    if (is_caught(self, vertex, triangle) ||
-        !project(self, x, triangle, &x[3 * vertex], normal, share, &distance) ||
-        has_left(self, triangle, share, least_kept)) {
+static look look_at(pci_self_contact *self, size_t vertex, size_t triangle, const double *x) {
+    double share[3];
+    const plane *at = plane_of(&self->then, &self->triangles[3 * triangle], triangle);
+    const double distance = project(at, &x[3 * vertex], share);
+    if (has_left(self, triangle, share, least_kept) || is_caught(self, vertex, triangle)) {
         return (look){FAR, 0};
     }
     return (look){!has_left(self, triangle, share, 0.0) ? BEFORE : BESIDE, distance > 0.0 ? 1 : -1};
@@ -372,7 +403,7 @@ static int8_t inherited_side(const pci_self_contact *self, const pair *pairs, co
 // The side of a vertex that comes before a triangle is where it is, or that of the triangle that it
 // was before until now. One that leaves over a border, or around another edge, may return on the
 // other side.
-static void update_sides_of(const pci_self_contact *self, size_t vertex, const double *x) {
+static void update_sides_of(pci_self_contact *self, size_t vertex, const double *x) {
     pair *pairs = &self->pairs[PAIRS * vertex];
     const size_t count = self->counts[vertex];
     look looks[PAIRS];
@@ -410,7 +441,8 @@ static void update_sides(pci_self_contact *self, const double *x) {
 }
 
 void pci_self_contact_begin(pci_self_contact *self, const pci_cloth *cloth) {
-    if (is_outdated(self, cloth->positions, cloth->velocities, cloth->time_step)) {
+    begin_planes(&self->then, cloth->positions);
+    if (is_outdated(self, cloth->positions)) {
         find_pairs(self, cloth->positions);
     }
     find_caught(self, cloth);
@@ -419,26 +451,25 @@ void pci_self_contact_begin(pci_self_contact *self, const pci_cloth *cloth) {
 
 // ---- contacts -----------------------------------------------------------------------------------
 
-static void add_press(pci_self_contact *self, const pci_cloth *cloth, size_t vertex, const pair *at,
+static void add_press(pci_self_contact *self, const pci_cloth *cloth, size_t vertex, pair *at,
                       double slack) {
-    const double *x = cloth->positions;
     const uint32_t *corner = &self->triangles[3 * (size_t)at->triangle];
-    double share[3], distance, before_normal[3], before_share[3], before;
-    press *added = &self->presses[self->press_count];
-    if (self->press_count == self->press_capacity ||
-        !project(self, x, at->triangle, &x[3 * vertex], added->normal, share, &distance) ||
-        at->now * distance > 1.5 * at->distance || has_left(self, at->triangle, share, 0.0) ||
-        !project(self, cloth->previous, at->triangle, &cloth->previous[3 * vertex], before_normal,
-                 before_share, &before)) {
+    const plane *now = plane_of(&self->now, corner, at->triangle);
+    double share[3], before_share[3];
+    if (at->now * project(now, &cloth->positions[3 * vertex], share) > 1.5 * at->distance ||
+        has_left(self, at->triangle, share, 0.0) || self->press_count == self->press_capacity) {
         return;
     }
+    const double before = project(plane_of(&self->then, corner, at->triangle),
+                                  &cloth->previous[3 * vertex], before_share);
+    press *added = &self->presses[self->press_count];
     double weight = cloth->inverse_mass[vertex];
     added->corner[0] = (uint32_t)vertex;
     added->share[0] = 1.0;
     for (size_t c = 0; c < 3; ++c) {
         added->corner[c + 1] = corner[c];
         added->share[c + 1] = -share[c];
-        added->normal[c] *= at->now;
+        added->normal[c] = at->now * now->normal[c];
         weight += cloth->inverse_mass[corner[c]] * added->share[c + 1] * added->share[c + 1];
     }
     if (!(weight > 0.0)) {
@@ -447,21 +478,32 @@ static void add_press(pci_self_contact *self, const pci_cloth *cloth, size_t ver
     // No farther than what undoes the motion of this substep and leaves at the leaving speed.
     added->target = fmin(at->distance, at->now * before + slack);
     added->scale = 1.0 / weight;
-    added->pushed = 0.0;
+    added->pair = at;
     ++self->press_count;
 }
 
-void pci_self_contact_find(pci_self_contact *self, const pci_cloth *cloth) {
+static void find_presses(pci_self_contact *self, const pci_cloth *cloth) {
     const double slack = leaving_speed * cloth->time_step / (double)cloth->substeps;
+    begin_planes(&self->now, cloth->positions);
     self->press_count = 0;
     for (size_t v = 0; v < self->vertex_count; ++v) {
         for (size_t i = 0; i < self->counts[v]; ++i) {
-            const pair *at = &self->pairs[PAIRS * v + i];
+            pair *at = &self->pairs[PAIRS * v + i];
             if (at->now != 0) {
                 add_press(self, cloth, v, at, slack);
             }
         }
     }
+}
+
+void pci_self_contact_find(pci_self_contact *self, const pci_cloth *cloth) {
+    begin_planes(&self->then, cloth->previous);
+    for (size_t v = 0; v < self->vertex_count; ++v) {
+        for (size_t i = 0; i < self->counts[v]; ++i) {
+            self->pairs[PAIRS * v + i].pushed = 0.0;
+        }
+    }
+    find_presses(self, cloth);
 }
 
 // How far the vertex is from the triangle's point, along the normal.
@@ -473,11 +515,10 @@ static double height(const press *p, const double *x) {
     return sum;
 }
 
-// Moves vertex and triangle against each other by a vector, shared by mass; `sign` 1: apart.
-static void move_apart(const press *p, const double *inverse_mass, const double way[3], double sign,
-                       double *x) {
+// Moves the vertex and the triangle apart by a vector, shared by mass.
+static void move_apart(const press *p, const double *inverse_mass, const double way[3], double *x) {
     for (size_t c = 0; c < 4; ++c) {
-        const double share = sign * p->scale * p->share[c] * inverse_mass[p->corner[c]];
+        const double share = p->scale * p->share[c] * inverse_mass[p->corner[c]];
         for (size_t k = 0; k < 3; ++k) {
             x[3 * (size_t)p->corner[c] + k] += share * way[k];
         }
@@ -491,42 +532,44 @@ void pci_self_contact_solve(pci_self_contact *self, pci_cloth *cloth) {
         if (depth > 0.0) {
             const double way[3] = {depth * p->normal[0], depth * p->normal[1],
                                    depth * p->normal[2]};
-            move_apart(p, cloth->inverse_mass, way, 1.0, cloth->positions);
-            p->pushed += depth;
+            move_apart(p, cloth->inverse_mass, way, cloth->positions);
+            p->pair->pushed += depth;
         }
     }
 }
 
+// Takes the speed that the push gave, and speed along the triangle by friction.
+static void brake(const pci_self_contact *self, pci_cloth *cloth, const press *p) {
+    double moved[3] = {0.0}, along[3], way[3];
+    for (size_t c = 0; c < 4; ++c) {
+        for (size_t k = 0; k < 3; ++k) {
+            const size_t at = 3 * (size_t)p->corner[c] + k;
+            moved[k] += p->share[c] * (cloth->positions[at] - cloth->previous[at]);
+        }
+    }
+    const double apart = pci_dot(moved, p->normal);
+    for (size_t k = 0; k < 3; ++k) {
+        along[k] = moved[k] - apart * p->normal[k];
+    }
+    const double length = pci_norm(along);
+    const double kept = length > 0.0 ? fmin(1.0, self->friction * p->pair->pushed / length) : 0.0;
+    for (size_t k = 0; k < 3; ++k) {
+        way[k] = kept * along[k] + fmax(apart, 0.0) * p->normal[k];
+    }
+    // Velocities are positions minus `previous`: nothing but the speed changes here.
+    move_apart(p, cloth->inverse_mass, way, cloth->previous);
+}
+
 void pci_self_contact_finish(pci_self_contact *self, pci_cloth *cloth) {
     // What was pushed out of one triangle may be in the next, and the strain was bounded since.
-    for (size_t round = 0; round < 3; ++round) {
-        pci_self_contact_find(self, cloth);
+    for (size_t round = 0; round < FINISHING; ++round) {
+        find_presses(self, cloth);
         pci_self_contact_solve(self, cloth);
     }
     for (size_t i = 0; i < self->press_count; ++i) {
-        const press *p = &self->presses[i];
-        if (!(p->pushed > 0.0)) {
-            continue;
+        if (self->presses[i].pair->pushed > 0.0) {
+            brake(self, cloth, &self->presses[i]);
         }
-        double moved[3] = {0.0};
-        for (size_t c = 0; c < 4; ++c) {
-            for (size_t k = 0; k < 3; ++k) {
-                const size_t at = 3 * (size_t)p->corner[c] + k;
-                moved[k] += p->share[c] * (cloth->positions[at] - cloth->previous[at]);
-            }
-        }
-        const double apart = pci_dot(moved, p->normal);
-        double along[3], way[3];
-        for (size_t k = 0; k < 3; ++k) {
-            along[k] = moved[k] - apart * p->normal[k];
-        }
-        const double length = pci_norm(along);
-        const double kept = length > 0.0 ? fmin(1.0, self->friction * p->pushed / length) : 0.0;
-        for (size_t k = 0; k < 3; ++k) {
-            way[k] = kept * along[k] + fmax(apart, 0.0) * p->normal[k];
-        }
-        // Velocities are positions minus `previous`: nothing but the speed changes here.
-        move_apart(p, cloth->inverse_mass, way, 1.0, cloth->previous);
     }
 }
 
@@ -578,6 +621,7 @@ bool pci_self_contact_create(pci_scratch *scratch, const pc_mesh *rest, double e
     self->cell_capacity = 8 * nv + 64;
     self->press_capacity = 8 * nv;
     self->open = PCI_SCRATCH(scratch, uint8_t, nf);
+    self->next_to = PCI_SCRATCH(scratch, uint32_t, nv);
     self->caught = PCI_SCRATCH(scratch, uint8_t, nv);
     self->reference = PCI_SCRATCH(scratch, double, 3 * nv);
     self->pairs = PCI_SCRATCH(scratch, pair, PAIRS * nv);
@@ -587,11 +631,14 @@ bool pci_self_contact_create(pci_scratch *scratch, const pc_mesh *rest, double e
     self->cell_starts = PCI_SCRATCH(scratch, uint32_t, self->cell_capacity + 2);
     self->cell_vertices = PCI_SCRATCH(scratch, uint32_t, nv);
     self->vertex_cells = PCI_SCRATCH(scratch, uint32_t, nv);
+    self->then.planes = PCI_SCRATCH(scratch, plane, nf);
+    self->now.planes = PCI_SCRATCH(scratch, plane, nf);
     self->presses = PCI_SCRATCH(scratch, press, self->press_capacity);
     if (scratch->failed) {
         return false;
     }
     mark_borders(&topology, nf, self->open);
+    begin_planes(&self->then, self->rest);
     find_pairs(self, self->rest);
     update_sides(self, self->rest);
     *result = self;

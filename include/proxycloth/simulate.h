@@ -23,6 +23,12 @@
 /// body than a quarter of an edge are tucked in and stay at their depth. The body is a distance
 /// field in the rest pose; each of its parts moves with the joint that carries it.
 ///
+/// With `self_contact` the cloth also stays on its sides of itself: vertices keep a distance from
+/// the triangles that are not next to them, or what they have at rest where that is less, on the
+/// side where they came near. Up to 15 steps long a vertex that has got through is brought back.
+/// Contacts are discrete and give way where they strain an edge by twice the limit; what crosses at
+/// rest may go on crossing.
+///
 /// DEVIATION: a connected part without a held vertex gets its own `pinned_fraction`; it would fall
 /// out of the scene.
 ///
@@ -58,7 +64,8 @@ typedef struct pc_simulate_options {
     double pinned_fraction;     ///< share of the vertices that is held, the highest ones
     double garment_size;        ///< m, diagonal at which the garment is simulated; 0: as it is
     double contact_distance;    ///< m, that the cloth keeps from colliders
-    double friction;            ///< Coulomb's coefficient at colliders
+    double friction;            ///< Coulomb's coefficient at colliders and between cloth
+    double self_contact;        ///< distance to keep from itself, mean edge lengths; 0: none
     uint32_t up_axis;           ///< 0 x, 1 y, 2 z
     uint32_t seed;
 } pc_simulate_options;

@@ -28,7 +28,7 @@ static void add_wedge(figure *f, const double a[2], const double b[2]) {
 // The same for the sector of a circle between the directions of a and b.
 static void add_sector(figure *f, double radius, const double a[2], const double b[2]) {
     const double angle = atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1]);
-    const double lengths[2] = {hypot(a[0], a[1]), hypot(b[0], b[1])};
+    const double lengths[2] = {sqrt(a[0] * a[0] + a[1] * a[1]), sqrt(b[0] * b[0] + b[1] * b[1])};
     if (!(lengths[0] > 0.0 && lengths[1] > 0.0)) {
         return;
     }
@@ -59,6 +59,10 @@ static void add_side(figure *f, double radius, const double a[2], const double b
     const double half = half2 > 0.0 ? sqrt(half2) : 0.0;
     const double enter = fmin(fmax(middle - half, 0.0), 1.0);
     const double leave = fmin(fmax(middle + half, 0.0), 1.0);
+    if (!(enter < leave)) {
+        add_sector(f, radius, a, b);
+        return;
+    }
     const double p[2] = {a[0] + enter * d[0], a[1] + enter * d[1]};
     const double q[2] = {a[0] + leave * d[0], a[1] + leave * d[1]};
     add_wedge(f, p, q);
@@ -258,6 +262,10 @@ pc_status pci_rim_points(pci_scratch *scratch, const char *stage, const pci_bvh 
             }
             ++candidate_count;
         }
+    }
+    // Edges of a dense mesh are shorter than points of a rim need to be apart.
+    if (candidate_count > 1 && !thin_out(scratch, candidates, &candidate_count, 0.5 * spacing)) {
+        return pci_fail_memory(scratch->context, stage);
     }
     for (double side = spacing; candidate_count > most_candidates; side *= 2.0) {
         if (!thin_out(scratch, candidates, &candidate_count, side)) {

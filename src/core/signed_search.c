@@ -51,6 +51,11 @@ static void descend(search *s) {
     }
 }
 
+// Whether a random number lies below exp(x), x < 0; a bound settles most of them.
+static bool is_below_exp(double number, double x) {
+    return number * (1.0 - x + 0.5 * x * x) < 1.0 + 1e-9 && number < exp(x);
+}
+
 // False: cancelled.
 static bool anneal(pc_context *context, search *s, uint64_t run) {
     const size_t n = s->graph->vertex_count;
@@ -67,7 +72,7 @@ static bool anneal(pc_context *context, search *s, uint64_t run) {
         for (uint32_t v = 1; v < n; ++v) {
             const double gain = (double)s->gains[v];
             if (gain >= 0.0 || (gain > -20.0 * temperature &&
-                                pci_random(run, sweep, v) < exp(gain / temperature))) {
+                                is_below_exp(pci_random(run, sweep, v), gain / temperature))) {
                 flip(s, v);
             }
         }

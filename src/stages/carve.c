@@ -7,6 +7,7 @@
 #include "core/topology.h"
 #include "stages/border.h"
 #include "stages/crumbs.h"
+#include "stages/dents.h"
 #include "stages/folds.h"
 #include "stages/loops.h"
 #include "stages/outline.h"
@@ -96,22 +97,39 @@ static void count_covered(void *user, size_t begin, size_t end, uint32_t worker)
     }
 }
 
-static pc_status measure(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *mesh,
-                         double cell_size, pc_carve_report *report) {
-    pc_context *context = scratch->context;
+// Counts, and the length of the boundary.
+static pc_status measure_shape(pci_scratch *scratch, const pc_mesh *mesh, pc_carve_report *report,
+                               double *boundary) {
     pci_topology topology;
     size_t loop_count = 0, *offsets = NULL;
     uint32_t *loops = NULL;
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
-    uint32_t *covered = PCI_SCRATCH(scratch, uint32_t, surface->vertex_count / grain + 1);
     if (scratch->failed || !pci_topology_build_edges(scratch, mesh, &topology) ||
         !pci_boundary_loops(scratch, mesh, &topology, &loop_count, &offsets, &loops)) {
-        return pci_fail_memory(context, stage);
+        return pci_fail_memory(scratch->context, stage);
     }
     report->vertices = mesh->vertex_count;
     report->triangles = mesh->triangle_count;
     report->boundary_loops = loop_count;
     report->components = pci_triangle_components(scratch, mesh, &topology, component);
+    *boundary = 0.0;
+    for (size_t e = 0; e < topology.edge_count; ++e) {
+        if (topology.edge_triangle_offsets[e + 1] - topology.edge_triangle_offsets[e] == 1) {
+            const uint32_t *ends = &topology.edges[2 * e];
+            *boundary += sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)ends[0]],
+                                                   &mesh->positions[3 * (size_t)ends[1]]));
+        }
+    }
+    return scratch->failed ? pci_fail_memory(scratch->context, stage) : PC_OK;
+}
+
+static pc_status measure_coverage(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *mesh,
+                                  double cell_size, double *coverage) {
+    pc_context *context = scratch->context;
+    uint32_t *covered = PCI_SCRATCH(scratch, uint32_t, surface->vertex_count / grain + 1);
+    if (covered == NULL) {
+        return pci_fail_memory(context, stage);
+    }
     pci_bvh *layer = NULL;
     const pc_status status = pci_bvh_create(context, stage, mesh, &layer);
     if (status != PC_OK) {
@@ -119,13 +137,20 @@ static pc_status measure(pci_scratch *scratch, const pc_mesh *surface, const pc_
     }
     coverage_job job = {layer, surface, covered_voxels * cell_size, covered};
     pci_parallel_for(context, surface->vertex_count, grain, count_covered, &job);
+    pci_bvh_destroy(context, layer);
     uint64_t sum = 0;
     for (size_t i = 0; i <= surface->vertex_count / grain; ++i) {
         sum += covered[i];
     }
-    report->coverage = (double)sum / (double)surface->vertex_count;
-    pci_bvh_destroy(context, layer);
-    return scratch->failed ? pci_fail_memory(context, stage) : PC_OK;
+    *coverage = (double)sum / (double)surface->vertex_count;
+    return PC_OK;
+}
+
+static pc_status measure(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *mesh,
+                         double cell_size, pc_carve_report *report, double *boundary) {
+    const pc_status status = measure_shape(scratch, mesh, report, boundary);
+    return status == PC_OK ? measure_coverage(scratch, surface, mesh, cell_size, &report->coverage)
+                           : status;
 }
 
 // ---- entry ------------------------------------------------------------------------------------
@@ -171,11 +196,12 @@ static uint8_t *kept_triangles(pci_scratch *scratch, const pc_mesh *projected,
 
 // The triangles whose labels say so, as a manifold without small parts and short holes.
 static pc_status extract(pci_scratch *scratch, const pc_mesh *cloth, const pci_bvh *visual,
-                         const pc_mesh *projected, const uint8_t *labels, double cell_size,
-                         const pc_carve_options *options, pc_mesh *layer, pc_carve_report *report) {
+                         const pci_knn *rims, const pc_mesh *projected, const uint8_t *labels,
+                         double cell_size, const pc_carve_options *options, pc_mesh *layer,
+                         pc_carve_report *report) {
     pc_context *context = scratch->context;
     uint8_t *keep = kept_triangles(scratch, projected, labels);
-    if (keep == NULL) {
+    if (keep == NULL || !pci_keep_dents(scratch, projected, rims, cell_size, keep)) {
         return pci_fail_memory(context, stage);
     }
     pci_repair_counts counts;
@@ -277,19 +303,19 @@ static bool measure_bridges(pci_scratch *scratch, const pci_bvh *cloth, const pc
 static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
                                 const pc_mesh *projected, const uint8_t *labels, double cell_size,
                                 const pc_carve_options *options, pc_mesh *layer, double *bridges,
-                                pc_carve_report *report) {
+                                double *boundary, pc_carve_report *report) {
     pci_knn rims = {0};
     pci_bvh *visual = NULL;
     pc_status status = pci_bvh_create(scratch->context, stage, cloth, &visual);
     if (status == PC_OK) {
-        status =
-            extract(scratch, cloth, visual, projected, labels, cell_size, options, layer, report);
+        status = find_rims(scratch, cloth, visual, cell_size, &rims);
+    }
+    if (status == PC_OK) {
+        status = extract(scratch, cloth, visual, &rims, projected, labels, cell_size, options,
+                         layer, report);
     }
     if (status == PC_OK && options->snap_border) {
         status = pci_snap_border(scratch->context, stage, cloth, visual, cell_size, layer);
-    }
-    if (status == PC_OK) {
-        status = find_rims(scratch, cloth, visual, cell_size, &rims);
     }
     if (status == PC_OK) {
         status = cut(scratch, cloth, visual, &rims, cell_size, options, layer, report);
@@ -300,7 +326,7 @@ static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *surface, co
     }
     pci_bvh_destroy(scratch->context, visual);
     report->source = PC_LAYER_LABELS;
-    return status == PC_OK ? measure(scratch, surface, layer, cell_size, report) : status;
+    return status == PC_OK ? measure(scratch, surface, layer, cell_size, report, boundary) : status;
 }
 
 // The labelled triangles of the projected mesh; may be none.
@@ -318,6 +344,7 @@ static pc_status take_visual(pci_scratch *scratch, const pc_mesh *surface, const
                              pc_mesh *visual, pc_mesh *layer, pc_carve_report *report) {
     pc_context *context = scratch->context;
     pc_mesh side = {0};
+    double boundary = 0.0;
     pc_mesh_free(context, layer);
     *layer = *visual;
     *visual = (pc_mesh){0};
@@ -330,31 +357,16 @@ static pc_status take_visual(pci_scratch *scratch, const pc_mesh *surface, const
         status = pci_face_like(scratch, stage, &side, 1, layer);
     }
     pc_mesh_free(context, &side);
-    return status == PC_OK ? measure(scratch, surface, layer, cell_size, report) : status;
-}
-
-// Length of the boundary. False: out of memory.
-static bool measure_boundary(pc_context *context, const pc_mesh *mesh, double *length) {
-    pci_scratch scratch = pci_scratch_begin(context);
-    pci_topology topology;
-    const bool good = pci_topology_build_edges(&scratch, mesh, &topology);
-    *length = 0.0;
-    for (size_t e = 0; good && e < topology.edge_count; ++e) {
-        if (topology.edge_triangle_offsets[e + 1] - topology.edge_triangle_offsets[e] == 1) {
-            const uint32_t *ends = &topology.edges[2 * e];
-            *length += sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)ends[0]],
-                                                 &mesh->positions[3 * (size_t)ends[1]]));
-        }
-    }
-    pci_scratch_end(&scratch);
-    return good;
+    return status == PC_OK ? measure(scratch, surface, layer, cell_size, report, &boundary)
+                           : status;
 }
 
 // Where the labelled layer bridges gaps, as between two legs, the cloth made one sheet is taken if
 // that has the shape that the labels say, and no front is open that they closed.
 static pc_status try_tailoring(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
                                double thickness, const pc_mesh *projected, const uint8_t *labels,
-                               double cell_size, pc_mesh *layer, pc_carve_report *report) {
+                               double cell_size, double boundary, pc_mesh *layer,
+                               pc_carve_report *report) {
     pc_mesh side = {0}, sewn = {0};
     pc_carve_report other = {.source = PC_LAYER_VISUAL};
     pc_status status = labelled_side(scratch, projected, labels, &side);
@@ -363,17 +375,17 @@ static pc_status try_tailoring(pci_scratch *scratch, const pc_mesh *surface, con
                                     &sewn, &other.filled_loops);
     }
     pc_mesh_free(scratch->context, &side);
+    double length = 0.0;
     if (status == PC_OK && sewn.triangle_count > 0) {
-        status = measure(scratch, surface, &sewn, cell_size, &other);
+        status = measure_shape(scratch, &sewn, &other, &length);
     }
-    double before = 0.0, after = 0.0;
-    if (status == PC_OK && sewn.triangle_count > 0 &&
-        (!measure_boundary(scratch->context, layer, &before) ||
-         !measure_boundary(scratch->context, &sewn, &after))) {
-        status = pci_fail_memory(scratch->context, stage);
+    const bool taken = status == PC_OK && other.components == report->components &&
+                       other.boundary_loops == report->boundary_loops &&
+                       length <= most_boundary * boundary;
+    if (taken) {
+        status = measure_coverage(scratch, surface, &sewn, cell_size, &other.coverage);
     }
-    if (status == PC_OK && other.components == report->components &&
-        other.boundary_loops == report->boundary_loops && after <= most_boundary * before) {
+    if (taken && status == PC_OK) {
         pc_mesh_free(scratch->context, layer);
         *layer = sewn;
         *report = other;
@@ -401,7 +413,7 @@ static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface, cons
     const bool always = options->layer_source == PC_LAYER_VISUAL;
     pci_layering layering = PCI_LAYERED;
     uint64_t filled = 0;
-    double bridges = 0.0;
+    double bridges = 0.0, boundary = 0.0, length = 0.0;
     pc_mesh visual = {0};
     pc_status status = PC_OK;
     if (options->layer_source != PC_LAYER_LABELS) {
@@ -416,13 +428,13 @@ static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface, cons
                            report);
     }
     if (status == PC_OK) {
-        status =
-            labelled_layer(scratch, surface, cloth, projected, labels, cell_size, options, layer,
-                           may_be_tailored(scratch, cloth, options) ? &bridges : NULL, report);
+        status = labelled_layer(scratch, surface, cloth, projected, labels, cell_size, options,
+                                layer, may_be_tailored(scratch, cloth, options) ? &bridges : NULL,
+                                &boundary, report);
     }
     if (status == PC_OK && layering == PCI_FOLDED) {
         pc_carve_report other = {0};
-        status = measure(scratch, surface, &visual, cell_size, &other);
+        status = measure_shape(scratch, &visual, &other, &length);
         if (status == PC_OK &&
             (other.components != report->components ||
              other.boundary_loops != report->boundary_loops || report->coverage < least_coverage)) {
@@ -435,7 +447,7 @@ static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface, cons
     pc_mesh_free(scratch->context, &visual);
     if (status == PC_OK && report->source == PC_LAYER_LABELS && bridges > most_bridges) {
         status = try_tailoring(scratch, surface, cloth, thickness, projected, labels, cell_size,
-                               layer, report);
+                               boundary, layer, report);
     }
     return status;
 }

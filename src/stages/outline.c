@@ -29,12 +29,14 @@ typedef struct demands {
 // The distance hardly changes faster than the way, so edges of half the threshold cannot hide a
 // crossing that matters. Coarser ones tell where to look closer, with demands that leave room for
 // what they may miss.
-static const demands of_membranes = {0.5, 1.2, 9, 0.5}, of_candidates = {2.0, 1.0, 3, 0.75};
+static const demands of_membranes = {1.0, 1.2, 9, 0.5}, of_candidates = {2.0, 1.0, 3, 0.75};
 // The iso-surface closes openings up to two voxels wide; no part of a membrane is farther from the
 // rim than so many voxels.
 static const double widest = 3.0;
-// The second pass looks so far around what the first one found, in voxels.
-static const double beyond = 0.5;
+// The second pass looks so far around what the first one found, in voxels. Of regions that are
+// smaller than a disc two voxels wide, in squared voxels, few points tell how they are framed:
+// edges there become half as long.
+static const double beyond = 0.5, small = 3.2;
 // The distance where nobody asks: no triangle is refined for it.
 static const double out_of_focus = -1e30;
 // Membranes that are tested for holding the layer together.
@@ -44,6 +46,7 @@ static const double pi = 3.14159265358979323846;
 typedef struct outline {
     const pci_bvh *visual;
     const pci_knn *focus; // distances are measured within `reach` of these points; NULL: everywhere
+    const pci_knn *closer; // edges within `reach` of these become half as long; NULL: none
     double reach;
     pci_halfedge mesh;
     double *normals;   // #V by 3
@@ -134,10 +137,10 @@ static uint32_t longest_edge(const pci_halfedge *mesh, uint32_t t) {
     return best;
 }
 
-// Follows longest edges from a triangle to one that is the longest of both its triangles (Rivara).
-// Every edge that its split makes is shorter by a fixed factor, also among triangles without area.
-static uint32_t terminal_edge(const pci_halfedge *mesh, uint32_t t) {
-    uint32_t h = longest_edge(mesh, t);
+// Follows longest edges from that of a triangle to one that is the longest of both its triangles
+// (Rivara). Every edge that its split makes is shorter by a fixed factor, also among triangles
+// without area.
+static uint32_t terminal_edge(const pci_halfedge *mesh, uint32_t h) {
     while (mesh->twins[h] != PC_INVALID_INDEX) {
         const uint32_t next = longest_edge(mesh, mesh->twins[h] / 3);
         if (next == mesh->twins[h]) {
@@ -148,7 +151,16 @@ static uint32_t terminal_edge(const pci_halfedge *mesh, uint32_t t) {
     return h;
 }
 
-static bool needs_split(const outline *o, uint32_t t, double threshold, double shortest) {
+static bool lies_close(const outline *o, uint32_t t) {
+    double middle[3];
+    const pc_mesh surface = {o->mesh.vertex_count, o->mesh.positions, o->mesh.triangle_count,
+                             o->mesh.corners};
+    pci_triangle_middle(&surface, t, middle);
+    return o->closer != NULL && pci_knn_within(o->closer, middle, o->reach, NULL);
+}
+
+// The edge to split where a triangle may touch the outline; PC_INVALID_INDEX: none.
+static uint32_t edge_to_split(const outline *o, uint32_t t, double threshold, double shortest) {
     double nearest = INFINITY, farthest = -INFINITY;
     for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
         const double distance = o->distances[pci_origin(&o->mesh, h)];
@@ -156,10 +168,13 @@ static bool needs_split(const outline *o, uint32_t t, double threshold, double s
         farthest = distance > farthest ? distance : farthest;
     }
     if (!(nearest < threshold && farthest > out_of_focus)) {
-        return false;
+        return PC_INVALID_INDEX;
     }
-    const double longest = sqrt(squared_length(&o->mesh, longest_edge(&o->mesh, t)));
-    return longest > shortest && farthest + 0.5 * longest > threshold;
+    const uint32_t edge = longest_edge(&o->mesh, t);
+    const double longest = sqrt(squared_length(&o->mesh, edge));
+    const bool wanted = farthest + 0.5 * longest > threshold &&
+                        (longest > shortest || (longest > 0.5 * shortest && lies_close(o, t)));
+    return wanted ? terminal_edge(&o->mesh, edge) : PC_INVALID_INDEX;
 }
 
 // What a round of refinement works with. A triangle is asked again when it was split.
@@ -177,15 +192,10 @@ static void choose_edges(void *user, size_t begin, size_t end, uint32_t worker) 
     (void)worker;
     const refinement *r = user;
     for (size_t t = begin; t < end; ++t) {
-        r->edges[t] = PC_INVALID_INDEX;
-        if (r->states[t] == SETTLED) {
-            continue;
-        }
-        r->states[t] = SETTLED;
-        if (needs_split(r->outline, (uint32_t)t, r->threshold, r->shortest)) {
-            r->states[t] = ASKED;
-            r->edges[t] = terminal_edge(&r->outline->mesh, (uint32_t)t);
-        }
+        r->edges[t] = r->states[t] == SETTLED
+                          ? PC_INVALID_INDEX
+                          : edge_to_split(r->outline, (uint32_t)t, r->threshold, r->shortest);
+        r->states[t] = r->edges[t] == PC_INVALID_INDEX ? SETTLED : ASKED;
     }
 }
 
@@ -603,6 +613,7 @@ typedef struct cutting {
     double threshold, cell_size;
     const demands *least;
     uint8_t *keep; // #F of the refined layer
+    uint32_t *of;  // #F, region, PC_INVALID_INDEX: none
     region *regions;
     size_t region_count;
 } cutting;
@@ -658,13 +669,13 @@ static bool choose_triangles(const outline *o, const uint32_t *of, cutting *c) {
 }
 
 // Refines the layer along the isoline, where points of `focus` are within `reach` (NULL:
-// everywhere), and decides what to keep by the demands of `c`.
-static bool find_regions(cutting *c, const pci_knn *focus, double reach, pci_scratch *scratch,
-                         const pc_mesh *layer, outline *o) {
+// everywhere), once more near points of `closer`, and decides what to keep by the demands of `c`.
+static bool find_regions(cutting *c, const pci_knn *focus, const pci_knn *closer, double reach,
+                         pci_scratch *scratch, const pc_mesh *layer, outline *o) {
     // Finer than an eighth of a voxel there is nothing to see, and a layer that runs near the
     // threshold everywhere would be refined everywhere.
     const double shortest = c->least->fineness * fmax(c->threshold, 0.25 * c->cell_size);
-    *o = (outline){.visual = c->visual, .focus = focus, .reach = reach};
+    *o = (outline){.visual = c->visual, .focus = focus, .closer = closer, .reach = reach};
     o->normals = PCI_SCRATCH(scratch, double, 3 * layer->vertex_count);
     o->distances = PCI_SCRATCH(scratch, double, layer->vertex_count);
     o->nearest = PCI_SCRATCH(scratch, uint32_t, layer->vertex_count);
@@ -680,7 +691,7 @@ static bool find_regions(cutting *c, const pci_knn *focus, double reach, pci_scr
         !refine_outline(o, c->threshold, shortest) || !split_isoline(o, c->threshold)) {
         return false;
     }
-    uint32_t *of = PCI_SCRATCH(scratch, uint32_t, o->mesh.triangle_count);
+    uint32_t *of = c->of = PCI_SCRATCH(scratch, uint32_t, o->mesh.triangle_count);
     return of != NULL && join_regions(o, c->threshold, of, &c->regions, &c->region_count) &&
            measure_extent(o, of, behind * c->cell_size, c->regions, c->region_count) &&
            measure_frame(o, c->rims, sag * c->cell_size, of, c->regions) &&
@@ -739,27 +750,30 @@ static bool take_kept(outline *o, size_t first, uint8_t *keep, pc_mesh *kept) {
     return done;
 }
 
-// Lists the vertices of what is not kept. False: out of memory.
-static bool list_removed(pci_scratch *scratch, const outline *o, const cutting *c, double **points,
-                         size_t *count) {
+// Lists the vertices of what is not kept, or of the small regions among that. False: out of memory.
+static bool list_removed(pci_scratch *scratch, const outline *o, const cutting *c, bool small_ones,
+                         pci_knn *points) {
     const pci_halfedge *mesh = &o->mesh;
     uint8_t *listed = PCI_SCRATCH(mesh->scratch, uint8_t, mesh->vertex_count);
+    size_t count = 0, next = 0;
     if (listed == NULL) {
         return false;
     }
     for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
-        const uint32_t v = mesh->corners[i];
-        *count += !c->keep[i / 3] && !listed[v];
-        listed[v] |= !c->keep[i / 3];
+        uint8_t *at = &listed[mesh->corners[i]];
+        const bool wanted =
+            !c->keep[i / 3] &&
+            (!small_ones || c->regions[c->of[i / 3]].area < small * c->cell_size * c->cell_size);
+        count += wanted && !*at;
+        *at |= wanted;
     }
-    *points = PCI_SCRATCH(scratch, double, 3 * *count);
-    size_t next = 0;
-    for (size_t v = 0; *points != NULL && v < mesh->vertex_count; ++v) {
+    double *positions = PCI_SCRATCH(scratch, double, 3 * count);
+    for (size_t v = 0; positions != NULL && v < mesh->vertex_count; ++v) {
         if (listed[v]) {
-            memcpy(&(*points)[3 * next++], &mesh->positions[3 * v], 3 * sizeof(double));
+            memcpy(&positions[3 * next++], &mesh->positions[3 * v], 3 * sizeof(double));
         }
     }
-    return *points != NULL;
+    return positions != NULL && pci_knn_build(scratch, count, positions, points);
 }
 
 pc_status pci_cut_outline(pci_scratch *scratch, const char *stage, const pci_bvh *visual,
@@ -776,21 +790,20 @@ pc_status pci_cut_outline(pci_scratch *scratch, const char *stage, const pci_bvh
     outline o;
     // The first pass finds candidates, the second refines near them, decides and cuts.
     pci_scratch first = pci_scratch_begin(context);
-    double *points = NULL;
-    size_t point_count = 0;
-    const bool found = find_regions(&c, mode == PCI_OUTLINE_MEMBRANES ? rims : NULL,
+    pci_knn candidates, closer;
+    const bool found = find_regions(&c, mode == PCI_OUTLINE_MEMBRANES ? rims : NULL, NULL,
                                     widest * cell_size, &first, layer, &o) &&
-                       list_removed(scratch, &o, &c, &points, &point_count);
+                       list_removed(scratch, &o, &c, false, &candidates) &&
+                       list_removed(scratch, &o, &c, true, &closer);
     pci_scratch_end(&first);
-    pci_knn candidates;
-    if (!found || !pci_knn_build(scratch, point_count, points, &candidates)) {
+    if (!found) {
         return pci_fail_memory(context, stage);
     }
-    if (point_count == 0) {
+    if (candidates.point_count == 0) {
         return PC_OK;
     }
     c.least = &of_membranes;
-    if (!find_regions(&c, &candidates, beyond * cell_size, scratch, layer, &o)) {
+    if (!find_regions(&c, &candidates, &closer, beyond * cell_size, scratch, layer, &o)) {
         return pci_fail_memory(context, stage);
     }
     uint64_t removed = 0;

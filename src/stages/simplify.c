@@ -416,7 +416,7 @@ static pc_status simplify_by_clusters(pc_context *context, pci_sampling *s,
     for (; i < attempts && status == PC_OK && (i == 0 || !is_flawless(&best)); ++i) {
         attempt next = {.report = *report};
         status = try_once(context, s, options, i, &next);
-        if (status == PC_OK && (i == 0 || is_better(&next, &best))) {
+        if (status == PC_OK && (i == 0 || is_flawless(&next) || is_better(&next, &best))) {
             const attempt swapped = best;
             best = next;
             next = swapped;

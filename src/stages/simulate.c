@@ -42,7 +42,9 @@ static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_simulate_options, contact_distance, DOUBLE, 0.005, 0.0001, 1.0, "m",
                      "Distance that the cloth keeps from colliders"),
     PCI_FIELD_OPTION(pc_simulate_options, friction, DOUBLE, 0.3, 0.0, 10.0, "",
-                     "Coulomb's coefficient between cloth and colliders"),
+                     "Coulomb's coefficient between cloth and colliders or cloth"),
+    PCI_FIELD_OPTION(pc_simulate_options, self_contact, DOUBLE, 0.0, 0.0, 1.0, "edges",
+                     "Distance that the cloth keeps from itself, in mean edge lengths, 0 for none"),
     PCI_FIELD_CHOICE(pc_simulate_options, up_axis, 1, 2, up_axis_choices, "Axis that points up"),
     PCI_FIELD_OPTION(pc_simulate_options, seed, UINT, 1, 0, 4294967295, "",
                      "Seed of the random winds"),
@@ -244,7 +246,9 @@ static bool fill_cloth(pc_simulator *s) {
     s->springs = springs;
     s->report.stretch_springs = s->edge_count;
     s->report.bend_springs = spring_count - s->edge_count;
-    return true;
+    return options->self_contact == 0.0 ||
+           pci_self_contact_create(scratch, &s->rest, options->self_contact, options->friction,
+                                   &cloth->self);
 }
 
 static pc_status set_up(pc_simulator *s) {

@@ -27,6 +27,7 @@ typedef struct pci_spring_block {
 typedef enum pci_dynamics { PCI_DYNAMICS_PBD, PCI_DYNAMICS_XPBD } pci_dynamics;
 
 struct pci_contacts;
+struct pci_self_contact;
 
 typedef struct pci_cloth {
     size_t vertex_count;
@@ -57,6 +58,7 @@ typedef struct pci_cloth {
     uint32_t calm_steps;           // steps since an adaptive step was last repeated
     uint32_t wait_steps;           // steps until more substeps are tried again
     struct pci_contacts *contacts; // NULL: none
+    struct pci_self_contact *self; // NULL: the cloth passes through itself
 } pci_cloth;
 
 // One step of `time_step` under a uniform wind in m/s. With `saved`, substeps adapt to the strain.
@@ -116,7 +118,8 @@ bool pci_matches(const char *pattern, const char *text);
 void pci_rigid_at(const pc_attachment *attachment, double scale, double time, pci_map *map);
 
 // Joints and weights of the pinned vertices, 4 by vertex: from the nearest point of the visual
-// mesh, or carried over from the body where that has none. PC_ERROR_INVALID_OPTIONS when neither is skinned.
+// mesh, or carried over from the body where that has none. PC_ERROR_INVALID_OPTIONS when neither is
+// skinned.
 typedef struct pci_binding {
     uint32_t *joints;
     double *weights;
@@ -148,5 +151,22 @@ void pci_contacts_solve(const pci_contacts *contacts, pci_cloth *cloth);
 void pci_contacts_finish(pci_contacts *contacts, pci_cloth *cloth);
 // Depth of the point in the deepest collider; negative: distance to the nearest, where near.
 double pci_contacts_depth(pci_contacts *contacts, const double point[3]);
+
+// ---- contacts of the cloth with itself (simulate_self_contact.c)
+// ----------------------------------
+
+typedef struct pci_self_contact pci_self_contact;
+
+// Vertices keep a distance of `edges` mean edge lengths, or less where they rest nearer, from the
+// triangles that are not next to them. `rest` must stay. False: out of memory.
+bool pci_self_contact_create(pci_scratch *scratch, const pc_mesh *rest, double edges,
+                             double friction, pci_self_contact **self);
+// At the start of a step: which vertices are near which triangles, and on which side of them.
+void pci_self_contact_begin(pci_self_contact *self, const pci_cloth *cloth);
+// After the prediction of a substep; then each call pushes vertices and triangles apart.
+void pci_self_contact_find(pci_self_contact *self, const pci_cloth *cloth);
+void pci_self_contact_solve(pci_self_contact *self, pci_cloth *cloth);
+// The last push, and friction against the substep's start in `previous`.
+void pci_self_contact_finish(pci_self_contact *self, pci_cloth *cloth);
 
 #endif

@@ -228,8 +228,14 @@ static void run_substep(pci_cloth *cloth, const double wind[3], uint32_t index) 
                            (double)(index + 1) / (double)n);
         pci_contacts_find(cloth->contacts, cloth);
     }
+    if (cloth->self != NULL) {
+        pci_self_contact_find(cloth->self, cloth);
+    }
     for (uint32_t i = 0; i < sweeps; ++i) {
         sweep_blocks(cloth->positions, cloth->blocks, cloth->block_count);
+        if (cloth->self != NULL) {
+            pci_self_contact_solve(cloth->self, cloth);
+        }
         if (cloth->contacts != NULL) {
             pci_contacts_solve(cloth->contacts, cloth);
         }
@@ -239,6 +245,9 @@ static void run_substep(pci_cloth *cloth, const double wind[3], uint32_t index) 
         if (limit_strain(cloth, cloth->strain_limit) == 0) {
             break;
         }
+    }
+    if (cloth->self != NULL) {
+        pci_self_contact_finish(cloth->self, cloth);
     }
     if (cloth->contacts != NULL) {
         pci_contacts_finish(cloth->contacts, cloth);
@@ -255,6 +264,9 @@ static void run_substeps(pci_cloth *cloth, const double wind[3]) {
 
 void pci_cloth_step(pci_cloth *cloth, const double wind[3]) {
     const size_t numbers = 3 * cloth->vertex_count;
+    if (cloth->self != NULL) {
+        pci_self_contact_begin(cloth->self, cloth);
+    }
     if (cloth->saved == NULL) {
         run_substeps(cloth, wind);
         return;

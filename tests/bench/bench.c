@@ -183,6 +183,7 @@ static bool measure(pc_context *context, const char *name, const settings *set, 
         pc_asset asset = {0};
         good = get_garment(context, name, &asset);
         result->vertices = asset.visual.surface.vertex_count;
+        pci_bvh_share(context, &asset.visual.surface); // as pc_build does
         for (pc_stage stage = 0; stage < PC_STAGE_COUNT && good; ++stage) {
             pc_timings timings = {0};
             reset_peak();
@@ -192,7 +193,11 @@ static bool measure(pc_context *context, const char *name, const settings *set, 
             }
             result->stages[stage].peak = fmax(result->stages[stage].peak, peak_mebibytes());
             seconds[stage * set->runs + run] = timings.seconds[stage];
+            if (stage == PC_STAGE_CARVE) {
+                pci_bvh_share(context, NULL);
+            }
         }
+        pci_bvh_share(context, NULL);
         pc_asset_free(context, &asset);
     }
     for (size_t stage = 0; stage < PC_STAGE_COUNT && good; ++stage) {

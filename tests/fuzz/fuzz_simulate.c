@@ -18,6 +18,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     options.substeps = soup_byte(&bytes) % 3;
     options.garment_size = soup_byte(&bytes) % 4;
     const uint8_t parts = soup_byte(&bytes);
+    options.self_contact = parts / 32 % 4 / 4.0;
     pc_mesh proxy = soup_any(&bytes);
     pc_wind_key wind = {0};
     pc_pin pin = {.kind = PC_PIN_BOX};

@@ -331,9 +331,8 @@ static void move_vertex(const fitting *f, uint32_t v, double spacing) {
             step[k] += f->pulls[3 * (size_t)v + k] / f->pull_weights[v];
         }
     }
-    if (ringed) {
-        double normal[3];
-        fan_normal(r->coarse, v, normal);
+    if (ringed) { // the few faces around would lean towards their diagonals
+        const double *normal = &r->fine_normals[3 * (size_t)r->feet[v]];
         const double share = pci_dot(step, normal);
         for (size_t k = 0; k < 3; ++k) {
             step[k] = share * normal[k];

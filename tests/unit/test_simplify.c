@@ -421,7 +421,14 @@ static void thin_tubes_get_rings(void **state) {
         const double radius = p[1] < 4.0 ? 0.4 : 1.5;
         p[0] *= radius, p[2] *= radius;
     }
-    pc_mesh proxy = simplified(context, &bottle, 100, NULL);
+    pc_simplify_options options;
+    pc_record_set_defaults(&pc_simplify_options_record, &options);
+    options.vertices = 100;
+    options.rings = true;
+    pc_mesh proxy = {0};
+    assert_ok(context, pc_simplify(context, NULL, &bottle, &options, &proxy, NULL));
+    pc_mesh_free(context, &bottle);
+    check_manifold(context, &proxy);
     size_t count = 0, bottom = 0;
     for (uint32_t v = 0; v < proxy.vertex_count; ++v) {
         if (proxy.positions[3 * (size_t)v + 1] < 2.5) {

@@ -5,6 +5,9 @@
 /// A small part stays if it is more than 2 voxels away from the large ones and lies on a component
 /// of the visual mesh that they do not cover, but small parts do, for a quarter: a stud, a loose
 /// strap.
+/// Shallow strips of the outside that the labels leave out (nowhere farther than 3 voxels from
+/// their border, a quarter of which is farther than 1.5 voxels from all rims of the garment), as
+/// beneath the hem of a layer that hangs over another, are kept as well.
 /// A loop is a hole only if its part has twice the area of a disc of that circumference; the outer
 /// rim of a small part is never closed.
 ///

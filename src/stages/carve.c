@@ -7,6 +7,7 @@
 #include "core/topology.h"
 #include "stages/border.h"
 #include "stages/crumbs.h"
+#include "stages/dents.h"
 #include "stages/folds.h"
 #include "stages/loops.h"
 #include "stages/outline.h"
@@ -195,11 +196,12 @@ static uint8_t *kept_triangles(pci_scratch *scratch, const pc_mesh *projected,
 
 // The triangles whose labels say so, as a manifold without small parts and short holes.
 static pc_status extract(pci_scratch *scratch, const pc_mesh *cloth, const pci_bvh *visual,
-                         const pc_mesh *projected, const uint8_t *labels, double cell_size,
-                         const pc_carve_options *options, pc_mesh *layer, pc_carve_report *report) {
+                         const pci_knn *rims, const pc_mesh *projected, const uint8_t *labels,
+                         double cell_size, const pc_carve_options *options, pc_mesh *layer,
+                         pc_carve_report *report) {
     pc_context *context = scratch->context;
     uint8_t *keep = kept_triangles(scratch, projected, labels);
-    if (keep == NULL) {
+    if (keep == NULL || !pci_keep_dents(scratch, projected, rims, cell_size, keep)) {
         return pci_fail_memory(context, stage);
     }
     pci_repair_counts counts;
@@ -306,14 +308,14 @@ static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *surface, co
     pci_bvh *visual = NULL;
     pc_status status = pci_bvh_create(scratch->context, stage, cloth, &visual);
     if (status == PC_OK) {
-        status =
-            extract(scratch, cloth, visual, projected, labels, cell_size, options, layer, report);
+        status = find_rims(scratch, cloth, visual, cell_size, &rims);
+    }
+    if (status == PC_OK) {
+        status = extract(scratch, cloth, visual, &rims, projected, labels, cell_size, options,
+                         layer, report);
     }
     if (status == PC_OK && options->snap_border) {
         status = pci_snap_border(scratch->context, stage, cloth, visual, cell_size, layer);
-    }
-    if (status == PC_OK) {
-        status = find_rims(scratch, cloth, visual, cell_size, &rims);
     }
     if (status == PC_OK) {
         status = cut(scratch, cloth, visual, &rims, cell_size, options, layer, report);

@@ -36,11 +36,11 @@
 ///   fold, and buttons stretch. The report gives the losses as printed.
 /// - What the frames do not show costs nothing, and weights that suit these frames alone fold and
 ///   cross in others. So each proxy vertex also moves by noise of its own, of variance
-///   `motion_noise` times the mean square of the displacements: G + s I in place of their Gram
-///   matrix G, as a covariance is shrunk (Ledoit, Wolf, "A well-conditioned estimator for
-///   large-dimensional covariance matrices", 2004). The rotations do not see it, and it takes no
-///   pass over the frames. It acts on the weights less half of those that L_f follows, lest they
-///   become too smooth.
+///   `motion_noise` times the mean square of how far the displacements of neighbours are apart (a
+///   proxy that moves as one needs none): G + s I in place of their Gram matrix G, as a covariance
+///   is shrunk (Ledoit, Wolf, "A well-conditioned estimator for large-dimensional covariance
+///   matrices", 2004). The rotations do not see it, and it takes no pass over the frames. It acts
+///   on the weights less half of those that L_f follows, lest they become too smooth.
 /// - The weights start from those that L_f follows.
 /// - Vertices that an edge shorter than a hundredth of the mean joins have one row of weights: what
 ///   lies between them would be stretched to a multiple by the least difference. The losses of the
@@ -64,9 +64,9 @@
 /// the frames, about 32 of them evenly spread, the last ones all.
 ///
 /// Time: about 20 ns per vertex, frame seen and round or epoch on one core, in float, and 2.5 us
-/// per vertex and round. Memory: about 1.1 kB per vertex with 4 influences and 1.4 kB with 8, 0.2 MB
-/// per thread, 0.8 kB per proxy vertex and 8 B per pair of those, with rotations 4 and 16 times as
-/// much.
+/// per vertex and round. Memory: about 1.1 kB per vertex with 4 influences and 1.4 kB with 8, 0.2
+/// MB per thread, 0.8 kB per proxy vertex and 8 B per pair of those, with rotations 4 and 16 times
+/// as much.
 ///
 /// Postconditions: weights >= 0, each row sums to 1 within 1e-12, rows sorted by falling weight.
 #ifndef PROXYCLOTH_SKIN_H
@@ -129,7 +129,7 @@ typedef struct pc_skin_options {
     double lambda_stretch;    ///< lambda_s, PC_SKIN_ALTERNATE
     double least_motion;      ///< share of the proxy's motion, PC_SKIN_ALTERNATE
     double most_strain;       ///< share of that of closest triangles, PC_SKIN_ALTERNATE
-    double motion_noise;      ///< variance over that of the motion, PC_SKIN_ALTERNATE
+    double motion_noise;      ///< variance over that between neighbours, PC_SKIN_ALTERNATE
     bool equal_edges;         ///< edges count alike whatever their length, PC_SKIN_ALTERNATE
     uint32_t rounds;          ///< passes over frames at most, PC_SKIN_ALTERNATE
     double round_gain;        ///< a round gains at least this share, PC_SKIN_ALTERNATE

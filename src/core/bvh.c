@@ -514,6 +514,35 @@ pci_closest pci_bvh_closest(const pci_bvh *bvh, const double point[3], double ra
     return found_closest(&query);
 }
 
+typedef struct closest_job {
+    const pci_bvh *bvh;
+    const double *points;
+    pci_place *closest;
+} closest_job;
+
+static void find_closest(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const closest_job *job = user;
+    for (size_t v = begin; v < end; ++v) {
+        const pci_closest found = pci_bvh_closest(job->bvh, &job->points[3 * v], INFINITY);
+        job->closest[v].triangle = found.triangle;
+        memcpy(job->closest[v].barycentric, found.barycentric, sizeof(found.barycentric));
+    }
+}
+
+pc_status pci_closest_points(pc_context *context, const char *stage, const pc_mesh *from,
+                             const pc_mesh *mesh, pci_place *closest) {
+    pci_bvh *bvh = NULL;
+    const pc_status status = pci_bvh_create(context, stage, mesh, &bvh);
+    if (status != PC_OK) {
+        return status;
+    }
+    closest_job job = {bvh, from->positions, closest};
+    pci_parallel_for(context, from->vertex_count, 256, find_closest, &job);
+    pci_bvh_destroy(context, bvh);
+    return PC_OK;
+}
+
 typedef struct within_query {
     const pc_mesh *mesh;
     const double *point;

@@ -44,6 +44,18 @@ bool pci_bvh_within_near(const pci_bvh *bvh, const double point[3], double radiu
 // among neighbours hands on what it found last. PC_INVALID_INDEX: no idea.
 pci_closest pci_bvh_closest_near(const pci_bvh *bvh, const double point[3], uint32_t hint);
 
+// A point of a mesh.
+typedef struct pci_place {
+    uint32_t triangle;
+    double barycentric[3];
+} pci_place;
+
+// The closest point of `mesh` for every vertex of `from`, #V.
+// PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_TOO_LARGE; PC_ERROR_CANCELLED.
+PC_NODISCARD pc_status pci_closest_points(pc_context *context, const char *stage,
+                                          const pc_mesh *from, const pc_mesh *mesh,
+                                          pci_place *closest);
+
 // Collects the triangles within `radius`, in no particular order. Returns their number, or
 // capacity + 1 when there are more than fit; then `triangles` holds some of them.
 size_t pci_bvh_collect(const pci_bvh *bvh, const double point[3], double radius, size_t capacity,

@@ -6,7 +6,8 @@ typedef struct clustering {
     pci_scratch *scratch;
     const pci_halfedge *mesh;
     const double *weights, *scales;
-    size_t count; // clusters
+    size_t count; // clusters that are sought; those from here on are given
+    size_t all;   // clusters
     uint32_t *cluster;
     uint32_t *edges; // #edges by 2
     size_t edge_count;
@@ -29,6 +30,8 @@ typedef struct seeding {
     double reach;      // of a seed
     size_t count;      // seeds
 } seeding;
+
+static bool is_given(const clustering *c, size_t v) { return c->cluster[v] >= c->count; }
 
 // Makes `vertex` a seed, which takes over what is within reach and nearer to it than to all earlier
 // ones.
@@ -77,11 +80,11 @@ static bool pack_seeds(seeding *s, uint32_t first, size_t limit) {
     const size_t nv = s->clusters->mesh->vertex_count;
     s->count = 0;
     for (size_t v = 0; v < nv; ++v) {
-        s->distances[v] = INFINITY;
+        s->distances[v] = is_given(s->clusters, v) ? -HUGE_VAL : HUGE_VAL;
     }
     for (size_t i = 0; i < nv && s->count < limit; ++i) {
         const uint32_t v = (uint32_t)((first + i) % nv);
-        if (isinf(s->distances[v]) && !plant(s, v)) {
+        if (s->distances[v] == HUGE_VAL && !plant(s, v)) {
             return false;
         }
     }
@@ -94,7 +97,8 @@ static bool fill_seeds(seeding *s) {
     clustering *c = s->clusters;
     pci_heap farthest = {0};
     for (size_t v = 0; v < c->mesh->vertex_count; ++v) {
-        if (!pci_heap_push(c->scratch, &farthest, -s->distances[v], (uint32_t)v)) {
+        if (!is_given(c, v) &&
+            !pci_heap_push(c->scratch, &farthest, -s->distances[v], (uint32_t)v)) {
             return false;
         }
     }
@@ -122,7 +126,7 @@ static bool place_seeds(clustering *c, uint32_t first) {
     }
     double area = 0.0; // in lengths that are scaled
     for (size_t v = 0; v < nv; ++v) {
-        area += c->weights[v] / (c->scales[v] * c->scales[v]);
+        area += is_given(c, v) ? 0.0 : c->weights[v] / (c->scales[v] * c->scales[v]);
     }
     s.reach = packing_reach * sqrt(2.0 / sqrt(3.0) * area / (double)c->count);
     // Thin ropes have length but no area: they need a wider reach.
@@ -139,9 +143,9 @@ static bool place_seeds(clustering *c, uint32_t first) {
 // ---- exchanges ----------------------------------------------------------------------------------
 
 static void sum_clusters(clustering *c) {
-    memset(c->masses, 0, c->count * sizeof(*c->masses));
-    memset(c->moments, 0, 3 * c->count * sizeof(*c->moments));
-    memset(c->sizes, 0, c->count * sizeof(*c->sizes));
+    memset(c->masses, 0, c->all * sizeof(*c->masses));
+    memset(c->moments, 0, 3 * c->all * sizeof(*c->moments));
+    memset(c->sizes, 0, c->all * sizeof(*c->sizes));
     for (size_t v = 0; v < c->mesh->vertex_count; ++v) {
         const size_t i = c->cluster[v];
         c->masses[i] += c->weights[v];
@@ -189,7 +193,8 @@ static size_t sweep(clustering *c, uint32_t pass) {
     for (size_t e = 0; e < c->edge_count; ++e) {
         const size_t a = c->edges[2 * e], b = c->edges[2 * e + 1];
         const size_t ca = c->cluster[a], cb = c->cluster[b];
-        if (ca == cb || (c->modified[ca] + 1 < pass && c->modified[cb] + 1 < pass)) {
+        if (ca == cb || ca >= c->count || cb >= c->count ||
+            (c->modified[ca] + 1 < pass && c->modified[cb] + 1 < pass)) {
             continue;
         }
         const double to_b = exchange_cost(c, a, ca, cb), to_a = exchange_cost(c, b, cb, ca);
@@ -213,7 +218,7 @@ static size_t attach_orphans(clustering *c) {
     double *piece_masses = c->piece_masses;
     memset(piece, 0xff, nv * sizeof(*piece));
     memset(piece_masses, 0, nv * sizeof(*piece_masses));
-    memset(heaviest, 0xff, c->count * sizeof(*heaviest));
+    memset(heaviest, 0xff, c->all * sizeof(*heaviest));
     uint32_t pieces = 0;
     for (size_t start = 0; start < nv; ++start) {
         if (piece[start] != PC_INVALID_INDEX) {
@@ -244,7 +249,7 @@ static size_t attach_orphans(clustering *c) {
     }
     size_t count = 0, orphans = 0;
     for (size_t v = 0; v < nv; ++v) {
-        if (piece[v] == heaviest[c->cluster[v]]) {
+        if (is_given(c, v) || piece[v] == heaviest[c->cluster[v]]) {
             queue[count++] = (uint32_t)v;
         } else {
             c->cluster[v] = PC_INVALID_INDEX;
@@ -282,14 +287,14 @@ static bool list_edges(clustering *c) {
 }
 
 static bool run(clustering *c, uint32_t first, uint32_t passes, uint64_t *iterations) {
-    c->masses = PCI_SCRATCH(c->scratch, double, c->count);
-    c->moments = PCI_SCRATCH(c->scratch, double, 3 * c->count);
-    c->sizes = PCI_SCRATCH(c->scratch, uint32_t, c->count);
-    c->modified = PCI_SCRATCH(c->scratch, uint32_t, c->count);
+    c->masses = PCI_SCRATCH(c->scratch, double, c->all);
+    c->moments = PCI_SCRATCH(c->scratch, double, 3 * c->all);
+    c->sizes = PCI_SCRATCH(c->scratch, uint32_t, c->all);
+    c->modified = PCI_SCRATCH(c->scratch, uint32_t, c->all);
     c->pieces = PCI_SCRATCH(c->scratch, uint32_t, c->mesh->vertex_count);
     c->piece_masses = PCI_SCRATCH(c->scratch, double, c->mesh->vertex_count);
     c->queue = PCI_SCRATCH(c->scratch, uint32_t, c->mesh->vertex_count);
-    c->heaviest = PCI_SCRATCH(c->scratch, uint32_t, c->count);
+    c->heaviest = PCI_SCRATCH(c->scratch, uint32_t, c->all);
     if (c->scratch->failed || !list_edges(c) || !place_seeds(c, first)) {
         return false;
     }
@@ -300,7 +305,7 @@ static bool run(clustering *c, uint32_t first, uint32_t passes, uint64_t *iterat
     uint32_t pass = 1;
     while (orphans > 0 && pass <= passes) {
         sum_clusters(c);
-        for (size_t i = 0; i < c->count; ++i) {
+        for (size_t i = 0; i < c->all; ++i) {
             c->modified[i] = pass;
         }
         while (pass <= passes && sweep(c, pass) > 0) {
@@ -317,15 +322,21 @@ static bool run(clustering *c, uint32_t first, uint32_t passes, uint64_t *iterat
 }
 
 bool pci_cluster_vertices(pc_context *context, const pci_halfedge *mesh, const double *weights,
-                          const double *scales, size_t cluster_count, uint32_t first,
-                          uint32_t passes, uint32_t *cluster, uint64_t *iterations) {
+                          const double *scales, size_t cluster_count, const uint32_t *fixed,
+                          size_t fixed_count, uint32_t first, uint32_t passes, uint32_t *cluster,
+                          uint64_t *iterations) {
     pci_scratch scratch = pci_scratch_begin(context);
     clustering c = {.scratch = &scratch,
                     .mesh = mesh,
                     .weights = weights,
                     .scales = scales,
                     .count = cluster_count,
+                    .all = cluster_count + fixed_count,
                     .cluster = cluster};
+    for (size_t v = 0; v < mesh->vertex_count; ++v) {
+        const bool given = fixed != NULL && fixed[v] != PC_INVALID_INDEX;
+        cluster[v] = given ? (uint32_t)cluster_count + fixed[v] : 0;
+    }
     const bool done = run(&c, first, passes, iterations);
     pci_scratch_end(&scratch);
     return done;

@@ -322,12 +322,20 @@ static void move_vertex(const fitting *f, uint32_t v, double spacing) {
     const pci_relaxation *r = f->relaxation;
     double *at = &r->coarse->positions[3 * (size_t)v];
     const double start[3] = {at[0], at[1], at[2]};
+    const bool ringed = r->pinned[v] == PCI_RINGED;
     double step[3];
     sliding_step(r, v, step);
     for (size_t k = 0; k < 3; ++k) {
-        step[k] *= slide_share;
+        step[k] *= ringed ? 0.0 : slide_share;
         if (f->pull_weights[v] > 0.0) {
             step[k] += f->pulls[3 * (size_t)v + k] / f->pull_weights[v];
+        }
+    }
+    if (ringed) { // the few faces around would lean towards their diagonals
+        const double *normal = &r->fine_normals[3 * (size_t)r->feet[v]];
+        const double share = pci_dot(step, normal);
+        for (size_t k = 0; k < 3; ++k) {
+            step[k] = share * normal[k];
         }
     }
     const double length = pci_norm(step), limit = 0.25 * spacing;
@@ -374,7 +382,7 @@ bool pci_fit(pci_scratch *scratch, pci_relaxation *relaxation, const uint32_t *n
         sum_pulls(&f);
         add_face_pulls(&f);
         for (uint32_t v = 0; v < coarse->vertex_count; ++v) {
-            if (!relaxation->pinned[v]) {
+            if (relaxation->pinned[v] != 1) {
                 move_vertex(&f, v, spacing);
             }
         }

@@ -289,9 +289,14 @@ static uint32_t merge_edge(improvement *m, uint32_t h, const place *where) {
 // ---- splits -----------------------------------------------------------------------------------
 
 // Least angle of the triangles that splitting edge h would leave; the new vertex on the surface.
+// Negative: it belongs to a ring.
 static double split_angle(const improvement *m, uint32_t h) {
     const pci_relaxation *r = m->r;
     const pci_halfedge *coarse = r->coarse;
+    if (r->pinned[pci_origin(coarse, h)] == PCI_RINGED &&
+        r->pinned[pci_target(coarse, h)] == PCI_RINGED) {
+        return -1.0;
+    }
     const uint32_t sides[2] = {h, coarse->twins[h]};
     const double *p[2] = {point_of(r, pci_origin(coarse, h)), point_of(r, pci_target(coarse, h))};
     double middle[3], least = 180.0;

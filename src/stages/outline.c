@@ -137,10 +137,10 @@ static uint32_t longest_edge(const pci_halfedge *mesh, uint32_t t) {
     return best;
 }
 
-// Follows longest edges from a triangle to one that is the longest of both its triangles (Rivara).
-// Every edge that its split makes is shorter by a fixed factor, also among triangles without area.
-static uint32_t terminal_edge(const pci_halfedge *mesh, uint32_t t) {
-    uint32_t h = longest_edge(mesh, t);
+// Follows longest edges from that of a triangle to one that is the longest of both its triangles
+// (Rivara). Every edge that its split makes is shorter by a fixed factor, also among triangles
+// without area.
+static uint32_t terminal_edge(const pci_halfedge *mesh, uint32_t h) {
     while (mesh->twins[h] != PC_INVALID_INDEX) {
         const uint32_t next = longest_edge(mesh, mesh->twins[h] / 3);
         if (next == mesh->twins[h]) {
@@ -159,7 +159,8 @@ static bool lies_close(const outline *o, uint32_t t) {
     return o->closer != NULL && pci_knn_within(o->closer, middle, o->reach, NULL);
 }
 
-static bool needs_split(const outline *o, uint32_t t, double threshold, double shortest) {
+// The edge to split where a triangle may touch the outline; PC_INVALID_INDEX: none.
+static uint32_t edge_to_split(const outline *o, uint32_t t, double threshold, double shortest) {
     double nearest = INFINITY, farthest = -INFINITY;
     for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
         const double distance = o->distances[pci_origin(&o->mesh, h)];
@@ -167,11 +168,13 @@ static bool needs_split(const outline *o, uint32_t t, double threshold, double s
         farthest = distance > farthest ? distance : farthest;
     }
     if (!(nearest < threshold && farthest > out_of_focus)) {
-        return false;
+        return PC_INVALID_INDEX;
     }
-    const double longest = sqrt(squared_length(&o->mesh, longest_edge(&o->mesh, t)));
-    return farthest + 0.5 * longest > threshold &&
-           (longest > shortest || (longest > 0.5 * shortest && lies_close(o, t)));
+    const uint32_t edge = longest_edge(&o->mesh, t);
+    const double longest = sqrt(squared_length(&o->mesh, edge));
+    const bool wanted = farthest + 0.5 * longest > threshold &&
+                        (longest > shortest || (longest > 0.5 * shortest && lies_close(o, t)));
+    return wanted ? terminal_edge(&o->mesh, edge) : PC_INVALID_INDEX;
 }
 
 // What a round of refinement works with. A triangle is asked again when it was split.
@@ -189,15 +192,10 @@ static void choose_edges(void *user, size_t begin, size_t end, uint32_t worker) 
     (void)worker;
     const refinement *r = user;
     for (size_t t = begin; t < end; ++t) {
-        r->edges[t] = PC_INVALID_INDEX;
-        if (r->states[t] == SETTLED) {
-            continue;
-        }
-        r->states[t] = SETTLED;
-        if (needs_split(r->outline, (uint32_t)t, r->threshold, r->shortest)) {
-            r->states[t] = ASKED;
-            r->edges[t] = terminal_edge(&r->outline->mesh, (uint32_t)t);
-        }
+        r->edges[t] = r->states[t] == SETTLED
+                          ? PC_INVALID_INDEX
+                          : edge_to_split(r->outline, (uint32_t)t, r->threshold, r->shortest);
+        r->states[t] = r->edges[t] == PC_INVALID_INDEX ? SETTLED : ASKED;
     }
 }
 

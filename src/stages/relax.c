@@ -266,6 +266,10 @@ static bool improve_edge(pci_relaxation *r, uint32_t h) {
     }
     const uint32_t a = pci_origin(coarse, h), b = pci_target(coarse, h);
     const uint32_t c = coarse->corners[pci_previous(h)], d = coarse->corners[pci_previous(g)];
+    if (r->pinned[a] == PCI_RINGED && r->pinned[b] == PCI_RINGED && r->pinned[c] == PCI_RINGED &&
+        r->pinned[d] == PCI_RINGED) {
+        return false;
+    }
     const double before = fmin(corner_quality(r, a, b, c), corner_quality(r, b, a, d));
     const double after = fmin(corner_quality(r, a, d, c), corner_quality(r, d, b, c));
     if (!(after > 0.0) || !(after > gain * before)) {

@@ -14,6 +14,7 @@
 #include "stages/fit.h"
 #include "stages/improve.h"
 #include "stages/joint.h"
+#include "stages/rings.h"
 #include "stages/sampling.h"
 #include "stages/separate.h"
 #include "stages/sizing.h"
@@ -34,6 +35,8 @@ static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_simplify_options, narrow_refinement, DOUBLE, 1.5, 1.0, 4.0, "",
                      "Edges around narrow or strongly curved parts are up to this factor shorter; "
                      "1: uniform"),
+    PCI_FIELD_OPTION(pc_simplify_options, rings, BOOL, 0, 0, 1, "",
+                     "Thin sleeves and legs become prisms: their vertices stand in rings"),
     PCI_FIELD_CHOICE(
         pc_simplify_options, density_channel, PC_DENSITY_NONE, PC_DENSITY_ALPHA, channel_choices,
         "Channel of the visual mesh's vertex colors that tells where edges are shorter"),
@@ -169,21 +172,25 @@ static bool drop_unaffordable(pci_scratch *scratch, pc_mesh *layer, size_t verti
 }
 
 static bool cluster(pci_scratch *scratch, pci_sampling *s, const pc_simplify_options *options,
-                    uint64_t attempt, uint32_t *clusters, uint64_t *iterations) {
+                    uint64_t attempt, const pci_rings *rings, uint32_t *clusters,
+                    uint64_t *iterations) {
     const double share = pci_random(options->seed, 0, attempt);
+    const size_t given = rings != NULL ? rings->count : 0;
     return pci_cluster_vertices(scratch->context, &s->mesh, s->weights, s->scales,
-                                options->vertices, (uint32_t)(share * (double)s->mesh.vertex_count),
+                                options->vertices - given, rings != NULL ? rings->cluster : NULL,
+                                given, (uint32_t)(share * (double)s->mesh.vertex_count),
                                 options->clustering_iterations, clusters, iterations);
 }
 
 // Clusters uniformly, then again with smaller clusters where the first ones are too wide or the
-// density map asks for them. Later attempts keep the sizes and begin elsewhere.
+// density map asks for them, and with rings around thin tubes. Later attempts keep the sizes and
+// begin elsewhere.
 static bool cluster_samples(pci_scratch *scratch, pci_sampling *s,
-                            const pc_simplify_options *options, uint64_t attempt,
+                            const pc_simplify_options *options, uint64_t attempt, pci_rings *rings,
                             uint32_t *clusters, uint64_t *iterations) {
     const bool uniform = options->narrow_refinement == 1.0 && s->densities == NULL;
     if (!uniform && attempt == 0) {
-        if (!cluster(scratch, s, options, attempt, clusters, iterations) ||
+        if (!cluster(scratch, s, options, attempt, NULL, clusters, iterations) ||
             !pci_size_clusters(scratch, &s->mesh, s->normals, s->areas, s->arcs, clusters,
                                options->vertices, s->spacing, options->narrow_refinement,
                                s->scales)) {
@@ -191,7 +198,12 @@ static bool cluster_samples(pci_scratch *scratch, pci_sampling *s,
         }
         pci_sampling_weigh(s);
     }
-    return cluster(scratch, s, options, attempt, clusters, iterations);
+    *rings = (pci_rings){0};
+    if (options->rings && !pci_find_rings(scratch, s, options->vertices, attempt, rings)) {
+        return false;
+    }
+    return cluster(scratch, s, options, attempt, rings->count > 0 ? rings : NULL, clusters,
+                   iterations);
 }
 
 // Puts the nearest border vertex on each corner of the border, once.
@@ -230,15 +242,17 @@ static bool pin_corners(pci_scratch *scratch, const pci_sampling *s, const uint3
 }
 
 // Evens out the coarse mesh on the fine one, then fits its triangles to it.
-static bool relax_and_fit(pci_scratch *scratch, const pci_sampling *s, pci_halfedge *coarse,
-                          uint32_t *feet, uint32_t *nearby, pci_flaws *flaws) {
+static bool relax_and_fit(pci_scratch *scratch, const pci_sampling *s, const pci_rings *rings,
+                          pci_halfedge *coarse, uint32_t *feet, uint32_t *nearby,
+                          pci_flaws *flaws) {
     uint8_t *pinned = PCI_SCRATCH(scratch, uint8_t, coarse->vertex_count);
     if (pinned == NULL) {
         return false;
     }
     pci_relaxation relaxation = {&s->mesh, s->normals, s->scales, coarse, feet, pinned};
     pci_relax_place(&relaxation);
-    if (!pin_corners(scratch, s, nearby, &relaxation)) {
+    if (!pci_lace_rings(scratch, rings, nearby, &relaxation) ||
+        !pin_corners(scratch, s, nearby, &relaxation)) {
         return false;
     }
     for (size_t pass = 0; pass < relax_passes && pci_relax_pass(&relaxation) > 0; ++pass) {
@@ -248,7 +262,9 @@ static bool relax_and_fit(pci_scratch *scratch, const pci_sampling *s, pci_halfe
     }
     // A corner that leaves no room for good triangles is given up.
     for (uint32_t v = 0; v < coarse->vertex_count; ++v) {
-        pinned[v] = pinned[v] && pci_relax_quality(&relaxation, v) >= pinned_quality;
+        if (pinned[v] && pci_relax_quality(&relaxation, v) < pinned_quality) {
+            pinned[v] = 0;
+        }
     }
     if (!pci_improve(scratch, &relaxation, s->spacing, nearby) ||
         !pci_fit(scratch, &relaxation, nearby, s->areas, s->arcs, s->spacing, fit_passes)) {
@@ -315,20 +331,22 @@ static bool make_proxy(pci_scratch *scratch, pci_sampling *s, const pc_simplify_
     uint32_t *feet = NULL, *nearby = NULL;
     pci_contraction contraction;
     pci_halfedge coarse;
+    pci_rings rings;
     pc_mesh contracted = {0};
     if (clusters == NULL ||
-        !cluster_samples(scratch, s, options, attempt, clusters, &report->iterations) ||
+        !cluster_samples(scratch, s, options, attempt, &rings, clusters, &report->iterations) ||
         !pci_progress(scratch->context, stage, 0.6) ||
         !pci_contraction_begin(scratch, &s->mesh, s->weights, s->arcs, s->spacing, &contraction)) {
         return false;
     }
     pci_contract_clusters(&contraction, clusters);
     report->surplus_vertices = contraction.coarse.live_vertices - options->vertices;
-    const bool built = pci_contract_to(&contraction, options->vertices) &&
-                       pci_contraction_result(&contraction, &contracted, &feet, &nearby) &&
-                       pci_halfedge_build(scratch, &contracted, &coarse);
+    const bool built =
+        pci_contract_to(&contraction, options->vertices, rings.count > 0 ? rings.cluster : NULL) &&
+        pci_contraction_result(&contraction, &contracted, &feet, &nearby) &&
+        pci_halfedge_build(scratch, &contracted, &coarse);
     pc_mesh_free(scratch->context, &contracted);
-    return built && relax_and_fit(scratch, s, &coarse, feet, nearby, flaws) &&
+    return built && relax_and_fit(scratch, s, &rings, &coarse, feet, nearby, flaws) &&
            pci_halfedge_export(&coarse, proxy, NULL);
 }
 

@@ -201,14 +201,17 @@ static void add_pair(pci_self_contact *self, const double *x, const plane *at, s
 
 // A grid over the vertices, along x first.
 typedef struct grid {
-    double origin[3], cell;
+    double origin[3], inverse; // 1 / width of a cell
     size_t size[3];
 } grid;
 
+static inline double smaller(double a, double b) { return a < b ? a : b; }
+static inline double larger(double a, double b) { return a > b ? a : b; }
+
 // The cell of a position along an axis; positions outside belong to the border cells.
 static size_t cell_at(const grid *g, size_t axis, double position) {
-    const double at = (position - g->origin[axis]) / g->cell;
-    return at > 0.0 ? (size_t)fmin(at, (double)(g->size[axis] - 1)) : 0;
+    const double at = (position - g->origin[axis]) * g->inverse;
+    return at > 0.0 ? (size_t)smaller(at, (double)(g->size[axis] - 1)) : 0;
 }
 
 // Sorts the vertices into cells. False: positions are not finite.
@@ -225,18 +228,16 @@ static bool fill_grid(pci_self_contact *self, const double *x, grid *g) {
         return false;
     }
     // Cells as wide as the reach, or so many as there is room for.
-    g->cell = fmax(self->reach, 1e-6 * widest);
-    for (;;) {
-        double cells = 1.0;
+    double cell = fmax(self->reach, 1e-6 * widest), count;
+    do {
+        count = 1.0;
+        g->inverse = 1.0 / cell;
         for (size_t k = 0; k < 3; ++k) {
-            g->size[k] = 1 + (size_t)(extent[k] / g->cell);
-            cells *= (double)g->size[k];
+            g->size[k] = 1 + (size_t)(extent[k] * g->inverse);
+            count *= (double)g->size[k];
         }
-        if (cells <= (double)self->cell_capacity) {
-            break;
-        }
-        g->cell *= 1.26;
-    }
+        cell *= 1.26;
+    } while (count > (double)self->cell_capacity);
     const size_t cells = g->size[0] * g->size[1] * g->size[2];
     memset(self->cell_starts, 0, (cells + 1) * sizeof(uint32_t));
     for (size_t v = 0; v < self->vertex_count; ++v) {
@@ -267,8 +268,8 @@ static void add_pairs_of(pci_self_contact *self, const double *x, const grid *g,
     for (size_t k = 0; k < 3; ++k) {
         const double a = x[3 * (size_t)corner[0] + k], b = x[3 * (size_t)corner[1] + k];
         const double c = x[3 * (size_t)corner[2] + k];
-        least_at[k] = fmin(a, fmin(b, c)) - self->reach;
-        most_at[k] = fmax(a, fmax(b, c)) + self->reach;
+        least_at[k] = smaller(a, smaller(b, c)) - self->reach;
+        most_at[k] = larger(a, larger(b, c)) + self->reach;
         low[k] = cell_at(g, k, least_at[k]);
         high[k] = cell_at(g, k, most_at[k]);
     }

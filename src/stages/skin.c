@@ -43,13 +43,14 @@ static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_skin_options, least_motion, DOUBLE, 0.972, 0.0, 1.0, "",
                      "While the garment moves less than this share of the proxy's motion, "
                      "lambda_follow is raised; alternate only"),
-    PCI_FIELD_OPTION(pc_skin_options, most_strain, DOUBLE, 0.95, 0.0, 1000000.0, "",
+    PCI_FIELD_OPTION(pc_skin_options, most_strain, DOUBLE, 0.92, 0.0, 1000000.0, "",
                      "While edges change their lengths by more than this share of what "
                      "closest-triangle weights do to them, lambda_stretch is raised; alternate "
                      "only"),
-    PCI_FIELD_OPTION(pc_skin_options, motion_noise, DOUBLE, 0.003, 0.0, 1.0, "",
-                     "Variance of a noise in the motion of the proxy's vertices, over that of the "
-                     "motion itself, against weights that suit these frames only; alternate only"),
+    PCI_FIELD_OPTION(pc_skin_options, motion_noise, DOUBLE, 0.012, 0.0, 1.0, "",
+                     "Variance of a noise in the motion of the proxy's vertices, over the mean "
+                     "square of how far neighbours move apart, against weights that suit these "
+                     "frames only; alternate only"),
     PCI_FIELD_OPTION(pc_skin_options, equal_edges, BOOL, 1, 0, 1, "",
                      "Edges count alike in L_r, L_c and L_s, not by their squared length as in the "
                      "paper; alternate only"),
@@ -324,8 +325,8 @@ pc_status pc_skin_evaluate(pc_context *context, const pc_mesh *surface, const pc
     if (status == PC_OK) {
         problem.slots = skin->influences;
         problem.bones = skin->bones;
-        status = pci_skin_measure(context, &problem, pci_skin_kernel_double(), skin->weights,
-                                  &measures);
+        status =
+            pci_skin_measure(context, &problem, pci_skin_kernel_double(), skin->weights, &measures);
     }
     if (status == PC_OK) {
         const pc_skin_losses result = {.rigid = measures.losses[0],

@@ -507,7 +507,7 @@ pc_status pci_skin_fit_alternate(pci_skin_fit *f, pc_skin_report *r) {
     uint32_t first_rounds = (uint32_t)round(first_end * f->options->rounds);
     pci_skin_gram gram;
     pci_scratch scratch = pci_scratch_begin(f->context);
-    pc_status status = pci_skin_gram_build(&scratch, &f->problem, pci_skin_kernel_float(),
+    pc_status status = pci_skin_gram_build(&scratch, &f->problem, pci_skin_kernel_float(), f->proxy,
                                            f->options->motion_noise, &gram)
                            ? measure_guess(f, &gram, r)
                            : pci_fail_memory(f->context, stage);

@@ -48,20 +48,36 @@ static void fill_rows(const pci_skin_frames *w, size_t frame, double *rows) {
     }
 }
 
-// Adds the noise: each bone shifts by as much as a share of the bones' own displacements.
-static void add_noise(pci_skin_gram *gram) {
+// Mean square of how far the displacements of two vertices that an edge of the proxy joins are
+// apart.
+static double deformation(const pci_skin_gram *gram) {
     const pci_skin_frames *w = &gram->driver;
     const pci_skin_problem *p = w->problem;
-    const size_t columns = w->data.columns, size = p->proxy_count * columns;
+    const pc_mesh *proxy = gram->proxy;
+    const size_t edges = 3 * proxy->triangle_count;
     double sum = 0.0;
-    for (size_t b = 0; b < p->proxy_count; ++b) {
-        double point[PCI_SKIN_COLUMNS_MAX] = {1.0};
-        for (size_t c = 0; c < 3; ++c) {
-            point[1 + c] = w->unit * (p->proxy_rest[3 * b + c] - w->origin[c]);
+    for (size_t k = 0; k < edges; ++k) {
+        const size_t bones[2] = {proxy->triangles[k], proxy->triangles[k % 3 == 2 ? k - 2 : k + 1]};
+        double points[2][PCI_SKIN_COLUMNS_MAX] = {{1.0}, {1.0}};
+        for (size_t c = 0; c < 6; ++c) {
+            const double place = p->proxy_rest[3 * bones[c / 3] + c % 3];
+            points[c / 3][1 + c % 3] = w->unit * (place - w->origin[c % 3]);
         }
-        sum += pci_skin_gram_product(gram->matrix, p->proxy_count, columns, b, b, point, point);
+        for (size_t c = 0; c < 4; ++c) {
+            const double product =
+                pci_skin_gram_product(gram->matrix, p->proxy_count, w->data.columns, bones[c / 2],
+                                      bones[c % 2], points[c / 2], points[c % 2]);
+            sum += c / 2 == c % 2 ? product : -product;
+        }
     }
-    gram->noise = gram->noise_share * sum / (double)p->proxy_count;
+    return edges > 0 && sum > 0.0 ? sum / (double)edges : 0.0;
+}
+
+// Adds the noise: each bone shifts by as much as a share of how far neighbours move apart.
+static void add_noise(pci_skin_gram *gram) {
+    const size_t columns = gram->driver.data.columns;
+    const size_t size = gram->driver.problem->proxy_count * columns;
+    gram->noise = gram->noise_share > 0.0 ? gram->noise_share * deformation(gram) : 0.0;
     for (size_t b = 0; b < size; b += columns) {
         gram->matrix[b * size + b] += gram->noise;
     }
@@ -106,7 +122,8 @@ static pci_skin_frame_level describe_level(const pci_skin_frames *w, size_t stri
 }
 
 bool pci_skin_gram_build(pci_scratch *scratch, const pci_skin_problem *problem,
-                         const pci_skin_kernel *kernel, double noise, pci_skin_gram *gram) {
+                         const pci_skin_kernel *kernel, const pc_mesh *proxy, double noise,
+                         pci_skin_gram *gram) {
     memset(gram, 0, sizeof(*gram));
     pci_skin_frames *w = &gram->driver;
     pci_skin_frames_begin(scratch->context, problem, kernel, w);
@@ -120,6 +137,7 @@ bool pci_skin_gram_build(pci_scratch *scratch, const pci_skin_problem *problem,
     gram->levels[PCI_SKIN_ALL] = describe_level(w, 1);
     gram->levels[PCI_SKIN_SAMPLE] =
         describe_level(w, (w->block_count + SAMPLE_BLOCKS - 1) / SAMPLE_BLOCKS);
+    gram->proxy = proxy;
     gram->noise_share = noise;
     gram->level = PCI_SKIN_LEVELS;
     pci_skin_gram_use(gram, PCI_SKIN_SAMPLE);

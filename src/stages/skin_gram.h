@@ -19,14 +19,16 @@ typedef struct pci_skin_gram {
     pci_skin_frame_level levels[PCI_SKIN_LEVELS];
     pci_skin_level level; // whose matrix is there
     double *matrix;       // times the factor, with the noise; see pci_skin_quadratic
-    double noise_share;   // variance over the mean variance of the proxy's vertices
+    const pc_mesh *proxy; // the caller's
+    double noise_share;   // variance over the mean square of how far its neighbours move apart
     double noise;         // in the matrix, on the diagonal
     double *rows;         // 3 PCI_BLOCK by #P columns
 } pci_skin_gram;
 
 // The matrix is that of the sample. False: out of memory.
 bool pci_skin_gram_build(pci_scratch *scratch, const pci_skin_problem *problem,
-                         const pci_skin_kernel *kernel, double noise, pci_skin_gram *gram);
+                         const pci_skin_kernel *kernel, const pc_mesh *proxy, double noise,
+                         pci_skin_gram *gram);
 
 // Makes the matrix that of a level.
 void pci_skin_gram_use(pci_skin_gram *gram, pci_skin_level level);

@@ -519,16 +519,18 @@ find_inverse(const pci_skin_quadratic *q, const pci_skin_group *g, const size_t 
     }
 }
 
-// Steps to the minimum on a face, from the triangle of Z. False: it lies outside of the simplex.
-static bool step_on_face(const row_face *face, const float *inverse, const row_program *r,
-                         double *step) {
-    const uint32_t n = face->count;
+// Compiled for each small n: most of the time would go into the ends of short loops.
+static inline __attribute__((always_inline)) bool step_on_n(const uint32_t n, const row_face *face,
+                                                            const float *inverse,
+                                                            const row_program *r, double *step) {
+    const double share = 1.0 / (double)n, scale = -1.0 / r->diagonal;
     double g[PCI_SKIN_SLOTS_MAX], mean = 0.0, sum = 0.0;
     for (uint32_t i = 0; i < n; ++i) {
-        mean += r->gradient[face->members[i]] / (double)n;
+        g[i] = r->gradient[face->members[i]];
+        mean += share * g[i];
     }
     for (uint32_t i = 0; i < n; ++i) {
-        g[i] = r->gradient[face->members[i]] - mean; // Z 1 = 0, but for rounding
+        g[i] -= mean; // Z 1 = 0, but for rounding
         double y = 0.0;
         for (uint32_t j = 0; j < i; ++j) {
             y += (double)inverse[j] * g[j];
@@ -538,15 +540,40 @@ static bool step_on_face(const row_face *face, const float *inverse, const row_p
         inverse += i + 1;
     }
     for (uint32_t i = 0; i < n; ++i) {
-        step[i] = -step[i] / r->diagonal;
+        step[i] *= scale;
         sum += step[i];
     }
     bool inside = true;
     for (uint32_t i = 0; i < n; ++i) {
-        step[i] -= sum / (double)n;
+        step[i] -= share * sum;
         inside = inside && r->weights[face->members[i]] + step[i] >= 0.0;
     }
     return inside;
+}
+
+// Steps to the minimum on a face, from the triangle of Z. False: it lies outside of the simplex.
+static bool step_on_face(const row_face *face, const float *inverse, const row_program *r,
+                         double *step) {
+    switch (face->count) {
+    case 1:
+        return step_on_n(1, face, inverse, r, step);
+    case 2:
+        return step_on_n(2, face, inverse, r, step);
+    case 3:
+        return step_on_n(3, face, inverse, r, step);
+    case 4:
+        return step_on_n(4, face, inverse, r, step);
+    case 5:
+        return step_on_n(5, face, inverse, r, step);
+    case 6:
+        return step_on_n(6, face, inverse, r, step);
+    case 7:
+        return step_on_n(7, face, inverse, r, step);
+    case 8:
+        return step_on_n(8, face, inverse, r, step);
+    default:
+        return step_on_n(face->count, face, inverse, r, step);
+    }
 }
 
 // dE/dw of one slot after a step on a face.

@@ -1,37 +1,5 @@
 #include "stages/weight_rows.h"
 
-#include "core/bvh.h"
-
-typedef struct closest_job {
-    const pci_bvh *bvh;
-    const pc_mesh *surface;
-    pci_place *closest; // #V
-} closest_job;
-
-static void find_closest(void *user, size_t begin, size_t end, uint32_t worker) {
-    (void)worker;
-    const closest_job *job = user;
-    for (size_t v = begin; v < end; ++v) {
-        const pci_closest found =
-            pci_bvh_closest(job->bvh, &job->surface->positions[3 * v], INFINITY);
-        job->closest[v].triangle = found.triangle;
-        memcpy(job->closest[v].barycentric, found.barycentric, sizeof(found.barycentric));
-    }
-}
-
-pc_status pci_closest_points(pc_context *context, const char *stage, const pc_mesh *surface,
-                             const pc_mesh *proxy, pci_place *closest) {
-    pci_bvh *bvh = NULL;
-    const pc_status status = pci_bvh_create(context, stage, proxy, &bvh);
-    if (status != PC_OK) {
-        return status;
-    }
-    closest_job job = {.bvh = bvh, .surface = surface, .closest = closest};
-    pci_parallel_for(context, surface->vertex_count, 256, find_closest, &job);
-    pci_bvh_destroy(context, bvh);
-    return PC_OK;
-}
-
 bool pci_skin_allocate(pc_context *context, size_t vertex_count, uint32_t influences,
                        pc_skin *skin) {
     skin->vertex_count = vertex_count;

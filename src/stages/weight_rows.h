@@ -1,20 +1,9 @@
-// What all kinds of skinning weights need: closest points to start from, rows, their order and sum.
+// What all kinds of skinning weights need: rows, their order and sum.
 #ifndef PCI_WEIGHT_ROWS_H
 #define PCI_WEIGHT_ROWS_H
 
-#include "core/core.h"
+#include "core/bvh.h"
 #include "proxycloth/skin.h"
-
-// A point of a mesh.
-typedef struct pci_place {
-    uint32_t triangle;
-    double barycentric[3];
-} pci_place;
-
-// The closest point of the proxy for every visual vertex, #V.
-PC_NODISCARD pc_status pci_closest_points(pc_context *context, const char *stage,
-                                          const pc_mesh *surface, const pc_mesh *proxy,
-                                          pci_place *closest);
 
 // pc_skin_closest_triangle where the closest points are known.
 PC_NODISCARD pc_status pci_skin_follow_points(pc_context *context, const pc_mesh *proxy,

@@ -393,6 +393,57 @@ static void refines_narrow_parts(void **state) {
     pc_context_destroy(context);
 }
 
+// The neighbour of v with a height between `low` and `high` above it that is least far around the y
+// axis; receives how far, in radians.
+static double least_turn(const pc_mesh *mesh, uint32_t v, double low, double high) {
+    const double *a = &mesh->positions[3 * (size_t)v];
+    double least = INFINITY;
+    for (size_t h = 0; h < 3 * mesh->triangle_count; ++h) {
+        const uint32_t ends[2] = {mesh->triangles[h], mesh->triangles[h - h % 3 + (h + 1) % 3]};
+        for (size_t i = 0; i < 2; ++i) {
+            const double *b = &mesh->positions[3 * (size_t)ends[1 - i]];
+            if (ends[i] == v && b[1] - a[1] >= low && b[1] - a[1] <= high) {
+                least =
+                    fmin(least, fabs(atan2(a[0] * b[2] - a[2] * b[0], a[0] * b[0] + a[2] * b[2])));
+            }
+        }
+    }
+    return least;
+}
+
+// A neck gets rings of four vertices, one straight behind the other.
+static void thin_tubes_get_rings(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh bottle = test_tube(context, 40, 80, 1.0, 8.0);
+    for (size_t v = 0; v < bottle.vertex_count; ++v) {
+        double *p = &bottle.positions[3 * v];
+        const double radius = p[1] < 4.0 ? 0.4 : 1.5;
+        p[0] *= radius, p[2] *= radius;
+    }
+    pc_simplify_options options;
+    pc_record_set_defaults(&pc_simplify_options_record, &options);
+    options.vertices = 100;
+    options.rings = true;
+    pc_mesh proxy = {0};
+    assert_ok(context, pc_simplify(context, NULL, &bottle, &options, &proxy, NULL));
+    pc_mesh_free(context, &bottle);
+    check_manifold(context, &proxy);
+    size_t count = 0, bottom = 0;
+    for (uint32_t v = 0; v < proxy.vertex_count; ++v) {
+        if (proxy.positions[3 * (size_t)v + 1] < 2.5) {
+            ++count;
+            bottom += proxy.positions[3 * (size_t)v + 1] < 0.02;
+            assert_true(least_turn(&proxy, v, 0.2, 1.0) < 0.25);
+            assert_true(fabs(least_turn(&proxy, v, -0.1, 0.1) - 1.57) < 0.25);
+        }
+    }
+    assert_int_equal(bottom, 4);
+    assert_true(count >= 16 && count % 4 == 0);
+    pc_mesh_free(context, &proxy);
+    pc_context_destroy(context);
+}
+
 // Closed caps are the extremes of a shape; the proxy reaches them although no cluster's centroid
 // does, and its faces stay as near as its vertices.
 static void fits_faces_not_vertices(void **state) {
@@ -717,6 +768,7 @@ int main(void) {
         cmocka_unit_test(repairs_its_input),
         cmocka_unit_test(is_deterministic),
         cmocka_unit_test(refines_narrow_parts),
+        cmocka_unit_test(thin_tubes_get_rings),
         cmocka_unit_test(fits_faces_not_vertices),
         cmocka_unit_test(leaves_no_spikes),
         cmocka_unit_test(edges_follow_the_density_map),

@@ -158,7 +158,8 @@ static void open_noisy(const char *name, uint32_t frames, uint32_t threads, doub
         s->f.problem.rotations = s->f.rotations;
     }
     const pci_skin_kernel *kernel = pci_skin_kernel_double();
-    assert_true(pci_skin_gram_build(&s->f.scratch, &s->f.problem, kernel, noise, &s->gram));
+    assert_true(
+        pci_skin_gram_build(&s->f.scratch, &s->f.problem, kernel, &s->f.proxy, noise, &s->gram));
     assert_true(pci_skin_alternation_build(&s->f.scratch, &s->f.problem, kernel, &s->gram, &s->a));
     assert_ok(s->f.context,
               pc_skin_closest_triangle(s->f.context, &s->f.visual, &s->f.proxy, &s->followed));
@@ -299,6 +300,34 @@ static void the_gram_matrix_is_that_of_the_displacements(void **state) {
         free(means);
         close_solver(&s);
     }
+}
+
+// The variance of the noise, written out: a share of the mean square of how far the displacements
+// of vertices that an edge of the proxy joins are apart, summed over the frames.
+static void noise_is_a_share_of_what_parts_neighbours(void **state) {
+    (void)state;
+    solver s;
+    open_noisy("tiny", 12, 1, 0.7, false, 0.5, &s);
+    const pci_skin_problem *p = &s.f.problem;
+    const pc_mesh *proxy = &s.f.proxy;
+    const double unit = s.a.frames.unit;
+    double sum = 0.0;
+    for (size_t k = 0; k < 3 * proxy->triangle_count; ++k) {
+        const size_t i = proxy->triangles[k];
+        const size_t j = proxy->triangles[k % 3 == 2 ? k - 2 : k + 1];
+        for (size_t t = 0; t < p->frame_count; ++t) {
+            const double *frame = &p->frames[3 * p->proxy_count * t];
+            for (size_t c = 0; c < 3; ++c) {
+                const double apart = (frame[3 * i + c] - p->proxy_rest[3 * i + c]) -
+                                     (frame[3 * j + c] - p->proxy_rest[3 * j + c]);
+                sum += unit * unit * apart * apart;
+            }
+        }
+    }
+    assert_true(sum > 0.0);
+    const double expected = 0.5 * sum / (3.0 * (double)proxy->triangle_count);
+    assert_close(s.gram.noise, expected, 1e-9 * expected);
+    close_solver(&s);
 }
 
 // What the noise adds to dE/dW: s sum_j M_ij (w_j - b_j / 2) in all terms but L_f, and
@@ -849,6 +878,7 @@ int main(void) {
         cmocka_unit_test(the_matrix_is_that_of_the_losses),
         cmocka_unit_test(groups_of_one_colour_share_nothing),
         cmocka_unit_test(the_gram_matrix_is_that_of_the_displacements),
+        cmocka_unit_test(noise_is_a_share_of_what_parts_neighbours),
         cmocka_unit_test(noise_pulls_as_its_energy_says),
         {"noise_pulls_as_its_energy_says, turned", noise_pulls_as_its_energy_says, NULL, NULL,
          &turned},

@@ -29,7 +29,7 @@ static const pc_field option_fields[] = {
         "but at most 32"),
     PCI_FIELD_OPTION(pc_skin_options, neighbours, UINT, 8, 1, 32, "",
                      "k_K: spatial neighbours of L_c and L_a"),
-    PCI_FIELD_OPTION(pc_skin_options, lambda_rigid, DOUBLE, 1.0, 0.0, 1000000.0, "",
+    PCI_FIELD_OPTION(pc_skin_options, lambda_rigid, DOUBLE, 2.0, 0.0, 1000000.0, "",
                      "Weight of L_r"),
     PCI_FIELD_OPTION(pc_skin_options, lambda_collision, DOUBLE, 1.0, 0.0, 1000000.0, "",
                      "Weight of L_c"),
@@ -43,7 +43,7 @@ static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_skin_options, least_motion, DOUBLE, 0.972, 0.0, 1.0, "",
                      "While the garment moves less than this share of the proxy's motion, "
                      "lambda_follow is raised; alternate only"),
-    PCI_FIELD_OPTION(pc_skin_options, most_strain, DOUBLE, 0.92, 0.0, 1000000.0, "",
+    PCI_FIELD_OPTION(pc_skin_options, most_strain, DOUBLE, 0.88, 0.0, 1000000.0, "",
                      "While edges change their lengths by more than this share of what "
                      "closest-triangle weights do to them, lambda_stretch is raised; alternate "
                      "only"),

@@ -126,7 +126,8 @@ static double project(const plane *at, const double point[3], double share[3]) {
 static bool has_left(const pci_self_contact *self, size_t triangle, const double share[3],
                      double limit) {
     for (size_t c = 0; c < 3; ++c) {
-        if (!(share[c] >= ((self->open[triangle] >> c & 1U) != 0 ? least_border : limit))) {
+        const bool open = ((uint32_t)self->open[triangle] >> c & 1U) != 0;
+        if (!(share[c] >= (open ? least_border : limit))) {
             return true;
         }
     }

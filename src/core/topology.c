@@ -205,6 +205,15 @@ bool pci_topology_build_edges(pci_scratch *scratch, const pc_mesh *mesh, pci_top
     return build(scratch, mesh, true, topology);
 }
 
+double pci_mean_edge_length(const pc_mesh *mesh, const pci_topology *topology) {
+    double sum = 0.0;
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        sum += sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)topology->edges[2 * e]],
+                                         &mesh->positions[3 * (size_t)topology->edges[2 * e + 1]]));
+    }
+    return topology->edge_count > 0 ? sum / (double)topology->edge_count : 0.0;
+}
+
 size_t pci_triangle_components(pci_scratch *scratch, const pc_mesh *mesh,
                                const pci_topology *topology, uint32_t *component) {
     const size_t nf = mesh->triangle_count;

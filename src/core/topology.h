@@ -27,6 +27,9 @@ bool pci_topology_build_watched(pci_scratch *scratch, const pc_mesh *mesh, pci_t
 // is more than half of the work.
 bool pci_topology_build_edges(pci_scratch *scratch, const pc_mesh *mesh, pci_topology *topology);
 
+// Mean length of the edges; 0 without edges.
+double pci_mean_edge_length(const pc_mesh *mesh, const pci_topology *topology);
+
 // Labels the connected components (shared edges) of triangles: component per triangle, #F. Returns
 // their number. Components are numbered by their first triangle.
 size_t pci_triangle_components(pci_scratch *scratch, const pc_mesh *mesh,

@@ -121,15 +121,6 @@ typedef struct heat {
     double *masses; // #V
 } heat;
 
-static double mean_edge_length(const pc_mesh *mesh, const pci_topology *topology) {
-    double sum = 0.0;
-    for (size_t e = 0; e < topology->edge_count; ++e) {
-        sum += sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)topology->edges[2 * e]],
-                                         &mesh->positions[3 * (size_t)topology->edges[2 * e + 1]]));
-    }
-    return topology->edge_count > 0 ? sum / (double)topology->edge_count : 0.0;
-}
-
 // Cotangent of the angle at corner c, at least 0; 0 in triangles without area.
 static double cotangent(const pc_mesh *mesh, size_t triangle, size_t c) {
     const uint32_t *corner = &mesh->triangles[3 * triangle];
@@ -221,7 +212,7 @@ static bool find_time(pc_context *context, const pc_mesh *proxy, double *time) {
     pci_topology topology;
     const bool good = pci_topology_build(&scratch, proxy, &topology);
     if (good) {
-        const double reach = 0.25 * mean_edge_length(proxy, &topology);
+        const double reach = 0.25 * pci_mean_edge_length(proxy, &topology);
         *time = reach * reach;
     }
     pci_scratch_end(&scratch);

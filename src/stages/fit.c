@@ -382,7 +382,7 @@ bool pci_fit(pci_scratch *scratch, pci_relaxation *relaxation, const uint32_t *n
         sum_pulls(&f);
         add_face_pulls(&f);
         for (uint32_t v = 0; v < coarse->vertex_count; ++v) {
-            if (relaxation->pinned[v] != 1) {
+            if (relaxation->pinned[v] != PCI_PINNED) {
                 move_vertex(&f, v, spacing);
             }
         }

@@ -1,5 +1,6 @@
 #include "stages/folds.h"
 
+#include "core/conjugate_gradients.h"
 #include "core/topology.h"
 
 enum { most_iterations = 1000 };
@@ -24,7 +25,8 @@ static void apply_laplacian(const smoothing *s, const double *x, double *out) {
     }
 }
 
-static void apply(const smoothing *s, const double *x, double *out) {
+static void apply(void *user, const double *x, double *out) {
+    const smoothing *s = user;
     apply_laplacian(s, x, s->once);
     apply_laplacian(s, s->once, out);
     for (size_t v = 0; v < s->count; ++v) {
@@ -32,37 +34,15 @@ static void apply(const smoothing *s, const double *x, double *out) {
     }
 }
 
-static double dot(size_t count, const double *a, const double *b) {
-    double sum = 0.0;
-    for (size_t i = 0; i < count; ++i) {
-        sum += a[i] * b[i];
+// From x = x0; `work` is #V by 3. False: cancelled.
+static bool solve(pc_context *context, smoothing *s, double *x, double *work) {
+    const pci_conjugate_gradients system = {s->count, apply, s, tolerance, most_iterations};
+    double *residual = work;
+    apply(s, x, residual);
+    for (size_t i = 0; i < s->count; ++i) {
+        residual[i] = x[i] - residual[i];
     }
-    return sum;
-}
-
-// Conjugate gradients from x = x0; `work` is #V by 3.
-static void solve(const smoothing *s, double *x, double *work) {
-    const size_t n = s->count;
-    double *residual = work, *direction = work + n, *image = work + 2 * n;
-    apply(s, x, image);
-    for (size_t i = 0; i < n; ++i) {
-        residual[i] = direction[i] = x[i] - image[i];
-    }
-    double square = dot(n, residual, residual);
-    const double enough = tolerance * tolerance * square;
-    for (size_t k = 0; k < most_iterations && square > enough; ++k) {
-        apply(s, direction, image);
-        const double step = square / dot(n, direction, image);
-        for (size_t i = 0; i < n; ++i) {
-            x[i] += step * direction[i];
-            residual[i] -= step * image[i];
-        }
-        const double next = dot(n, residual, residual);
-        for (size_t i = 0; i < n; ++i) {
-            direction[i] = residual[i] + next / square * direction[i];
-        }
-        square = next;
-    }
+    return pci_conjugate_gradients_run(context, &system, residual, work + s->count, x);
 }
 
 bool pci_flatten_folds(pci_scratch *scratch, double width, pc_mesh *mesh) {
@@ -87,7 +67,9 @@ bool pci_flatten_folds(pci_scratch *scratch, double width, pc_mesh *mesh) {
         for (size_t v = 0; v < n; ++v) {
             x[v] = mesh->positions[3 * v + k];
         }
-        solve(&s, x, work);
+        if (!solve(scratch->context, &s, x, work)) {
+            return false;
+        }
         for (size_t v = 0; v < n; ++v) {
             mesh->positions[3 * v + k] = x[v];
         }

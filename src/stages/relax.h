@@ -13,11 +13,12 @@ typedef struct pci_relaxation {
     const double *scales;       // #V, wanted edges are that many times shorter
     pci_halfedge *coarse;
     uint32_t *feet;  // per coarse vertex
-    uint8_t *pinned; // per coarse vertex, 1: does not move, PCI_RINGED: only off the surface
+    uint8_t *pinned; // per coarse vertex: free (0), PCI_PINNED or PCI_RINGED
 } pci_relaxation;
 
-// A vertex of a ring around a tube. Edges between the triangles of such vertices do not flip.
-enum { PCI_RINGED = 2 };
+// Does not move. Of a ring around a tube: moves only off the surface, and edges between the
+// triangles of such vertices do not flip.
+enum { PCI_PINNED = 1, PCI_RINGED = 2 };
 
 // Puts every coarse vertex onto the fine surface, at the point nearest to its position that can be
 // reached by walking downhill from its foot.

@@ -2,6 +2,7 @@
 
 #include <stdlib.h>
 
+#include "core/conjugate_gradients.h"
 #include "core/heap.h"
 
 static const double pi = 3.14159265358979323846;
@@ -328,67 +329,45 @@ static bool list_links(const search *t, link **links, size_t *count) {
     return true;
 }
 
+typedef struct laplacian {
+    const link *links;
+    size_t count, size;
+    const uint8_t *fixed;
+} laplacian;
+
 // y = the Laplacian of x where a member is free.
-static void apply_laplacian(const link *links, size_t count, const uint8_t *fixed, size_t size,
-                            const double *x, double *y) {
-    memset(y, 0, size * sizeof(*y));
-    for (size_t i = 0; i < count; ++i) {
-        const double flow = links[i].weight * (x[links[i].a] - x[links[i].b]);
-        y[links[i].a] += flow;
-        y[links[i].b] -= flow;
+static void apply_laplacian(void *user, const double *x, double *y) {
+    const laplacian *l = user;
+    memset(y, 0, l->size * sizeof(*y));
+    for (size_t i = 0; i < l->count; ++i) {
+        const link *edge = &l->links[i];
+        const double flow = edge->weight * (x[edge->a] - x[edge->b]);
+        y[edge->a] += flow;
+        y[edge->b] -= flow;
     }
-    for (size_t i = 0; i < size; ++i) {
-        y[i] = fixed[i] ? 0.0 : y[i];
+    for (size_t i = 0; i < l->size; ++i) {
+        y[i] = l->fixed[i] ? 0.0 : y[i];
     }
 }
 
-static double dot(const double *a, const double *b, size_t size) {
-    double sum = 0.0;
-    for (size_t i = 0; i < size; ++i) {
-        sum += a[i] * b[i];
-    }
-    return sum;
-}
-
-// Makes x harmonic where it is free, by conjugate gradients. False: out of memory or cancelled.
+// Makes x harmonic where it is free. False: out of memory or cancelled.
 static bool make_harmonic(search *t, const link *links, size_t count, const uint8_t *fixed,
                           double *x) {
     static const double tolerance = 1e-9;
-    static const size_t most_steps = PCI_EFFORT(2000, 20);
     const size_t size = t->member_count;
+    laplacian l = {links, count, size, fixed};
+    const pci_conjugate_gradients system = {size, apply_laplacian, &l, tolerance,
+                                            PCI_EFFORT(2000, 20)};
     double *residual = PCI_SCRATCH(t->scratch, double, size);
-    double *way = PCI_SCRATCH(t->scratch, double, size);
-    double *image = PCI_SCRATCH(t->scratch, double, size);
+    double *work = PCI_SCRATCH(t->scratch, double, 2 * size);
     if (t->scratch->failed) {
         return false;
     }
-    apply_laplacian(links, count, fixed, size, x, image);
+    apply_laplacian(&l, x, residual);
     for (size_t i = 0; i < size; ++i) {
-        residual[i] = way[i] = -image[i];
+        residual[i] = -residual[i];
     }
-    double squared = dot(residual, residual, size);
-    const double limit = tolerance * tolerance * squared;
-    for (size_t step = 0; step < most_steps && squared > limit; ++step) {
-        if (step % 16 == 0 && !pci_keep_going(t->scratch->context)) {
-            return false;
-        }
-        apply_laplacian(links, count, fixed, size, way, image);
-        const double curvature = dot(way, image, size);
-        if (!(curvature > 0.0)) {
-            break; // underflow
-        }
-        const double share = squared / curvature;
-        for (size_t i = 0; i < size; ++i) {
-            x[i] += share * way[i];
-            residual[i] -= share * image[i];
-        }
-        const double next = dot(residual, residual, size);
-        for (size_t i = 0; i < size; ++i) {
-            way[i] = residual[i] + next / squared * way[i];
-        }
-        squared = next;
-    }
-    return true;
+    return pci_conjugate_gradients_run(t->scratch->context, &system, residual, work, x);
 }
 
 // The conjugate of `along`, which turns once around the tube: it steps from triangle to triangle by

@@ -233,7 +233,7 @@ static bool pin_corners(pci_scratch *scratch, const pci_sampling *s, const uint3
             }
         }
         if (best != PC_INVALID_INDEX) {
-            r->pinned[best] = 1;
+            r->pinned[best] = PCI_PINNED;
             r->feet[best] = v;
             memcpy(&r->coarse->positions[3 * (size_t)best], corner, 3 * sizeof(*corner));
         }

@@ -1,6 +1,7 @@
 // Contacts of the cloth with itself: vertices stay on their sides of triangles that are not next to
 // them. The side of a pair is what it was when the two came near, and is kept as long as the vertex
 // is before the triangle, so that one that has got through is brought back.
+#include "core/bvh.h"
 #include "core/topology.h"
 #include "stages/simulate_internal.h"
 
@@ -134,34 +135,14 @@ static bool has_left(const pci_self_contact *self, size_t triangle, const double
     return false;
 }
 
-static double squared_segment_distance(const double point[3], const double a[3],
-                                       const double b[3]) {
-    double ab[3], ap[3];
-    pci_sub(b, a, ab);
-    pci_sub(point, a, ap);
-    const double squared = pci_dot(ab, ab);
-    const double along = squared > 0.0 ? fmin(1.0, fmax(0.0, pci_dot(ap, ab) / squared)) : 0.0;
-    for (size_t k = 0; k < 3; ++k) {
-        ap[k] -= along * ab[k];
-    }
-    return pci_dot(ap, ap);
-}
-
 // The distance that a vertex and a triangle have to keep.
 static double distance_to_keep(const pci_self_contact *self, size_t vertex, size_t triangle) {
-    const double *x = self->rest, *point = &x[3 * vertex];
+    const double *x = self->rest;
     const uint32_t *corner = &self->triangles[3 * triangle];
-    plane at = {.number = 0};
-    planes alone = {.planes = &at, .x = x, .number = 1};
-    double share[3], rest = fabs(project(plane_of(&alone, corner, 0), point, share));
-    if (!(share[0] >= 0.0 && share[1] >= 0.0 && share[2] >= 0.0)) {
-        double squared = INFINITY;
-        for (size_t c = 0; c < 3; ++c) {
-            squared = fmin(squared, squared_segment_distance(point, &x[3 * (size_t)corner[c]],
-                                                             &x[3 * (size_t)corner[(c + 1) % 3]]));
-        }
-        rest = sqrt(squared);
-    }
+    double barycentric[3];
+    const double rest = sqrt(pci_triangle_squared_distance(
+        &x[3 * vertex], &x[3 * (size_t)corner[0]], &x[3 * (size_t)corner[1]],
+        &x[3 * (size_t)corner[2]], barycentric));
     return fmin(self->distance, rest_share * rest);
 }
 
@@ -577,15 +558,6 @@ void pci_self_contact_finish(pci_self_contact *self, pci_cloth *cloth) {
 
 // ---- set-up -------------------------------------------------------------------------------------
 
-static double mean_edge(const pc_mesh *mesh, const pci_topology *topology) {
-    double sum = 0.0;
-    for (size_t e = 0; e < topology->edge_count; ++e) {
-        sum += sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)topology->edges[2 * e]],
-                                         &mesh->positions[3 * (size_t)topology->edges[2 * e + 1]]));
-    }
-    return topology->edge_count > 0 ? sum / (double)topology->edge_count : 0.0;
-}
-
 // Marks the edges that no other triangle has.
 static void mark_borders(const pci_topology *topology, size_t triangle_count, uint8_t *open) {
     for (size_t t = 0; t < triangle_count; ++t) {
@@ -607,7 +579,7 @@ bool pci_self_contact_create(pci_scratch *scratch, const pc_mesh *rest, double e
     if (self == NULL || !pci_topology_build(scratch, rest, &topology)) {
         return false;
     }
-    const double edge = mean_edge(rest, &topology);
+    const double edge = pci_mean_edge_length(rest, &topology);
     if (!(edge > 0.0)) {
         return true; // nothing but points
     }

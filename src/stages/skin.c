@@ -40,6 +40,9 @@ static const pc_field option_fields[] = {
                      "of the proxy, less gives smoother shape; alternate only"),
     PCI_FIELD_OPTION(pc_skin_options, lambda_stretch, DOUBLE, 3.0, 0.0, 1000000.0, "",
                      "Weight of L_s, edges that keep their length; alternate only"),
+    PCI_FIELD_OPTION(pc_skin_options, lambda_layers, DOUBLE, 0.6, 0.0, 1000000.0, "",
+                     "Weight of L_l, loose parts that lie upon each other keep their distance; "
+                     "alternate only"),
     PCI_FIELD_OPTION(pc_skin_options, least_motion, DOUBLE, 0.972, 0.0, 1.0, "",
                      "While the garment moves less than this share of the proxy's motion, "
                      "lambda_follow is raised; alternate only"),
@@ -210,6 +213,15 @@ static pc_status prepare(pci_scratch *scratch, const pc_mesh *surface, const pc_
     memcpy(f->paper_norms, f->problem.norms, sizeof(f->paper_norms));
     if (o->solver == PC_SKIN_ALTERNATE && o->equal_edges) {
         pci_skin_problem_equalize(&f->problem);
+    }
+    const size_t edges = f->problem.ring_offsets[nv];
+    if (o->solver == PC_SKIN_ALTERNATE && o->lambda_layers > 0.0 && edges > 0) {
+        status = pci_skin_find_layers(scratch, surface, sqrt(f->paper_norms[0] / (double)edges),
+                                      o->lambda_layers, &f->layers);
+        f->problem.layers = f->layers.offsets != NULL ? &f->layers : NULL;
+    }
+    if (status != PC_OK) {
+        return status;
     }
     if (!pci_skin_find_candidates(scratch, surface, proxy, f->closest,
                                   f->followed.weights != NULL ? &f->followed : NULL, slots,

@@ -3,6 +3,8 @@
 // Walker, Ni, "Anderson acceleration for fixed-point iterations", 2011.
 #include "stages/skin_alternate.h"
 
+#include "stages/skin_layers.h"
+
 static const char stage[] = "skin";
 
 enum { SWEEPS = 3 }; // per round, each there and back
@@ -78,6 +80,38 @@ static inline __attribute__((always_inline)) void follow(const pci_skin_alternat
     }
 }
 
+// Adds the gradient of L_l: 2 G sum_j T_ij w_j, all at x^ of the row.
+static void keep_layers(const pci_skin_alternation *a, size_t v, const double *weights,
+                        double *pulls, double *gradient) {
+    enum { TAKEN = 64 }; // bones at a time
+    const pci_skin_problem *p = a->frames.problem;
+    const pci_skin_layers *layers = p->layers;
+    const size_t slots = p->slots, begin = layers->offsets[v], end = layers->offsets[v + 1];
+    uint32_t bones[TAKEN];
+    double sums[TAKEN];
+    size_t count = 0;
+    for (size_t e = begin; e < end; ++e) {
+        const size_t j = slots * layers->columns[e];
+        pull_bones(2.0 * layers->factor * layers->values[e], slots, &p->bones[j], &weights[j],
+                   pulls);
+    }
+    for (size_t i = 0; i < slots * (end - begin); ++i) {
+        const uint32_t bone = p->bones[slots * layers->columns[begin + i / slots] + i % slots];
+        if (pulls[bone] != 0.0) {
+            bones[count] = bone;
+            sums[count++] = pulls[bone];
+            pulls[bone] = 0.0;
+        }
+        if (count == TAKEN || i + 1 == slots * (end - begin)) {
+            for (size_t k = 0; k < slots; ++k) {
+                gradient[k] += multiply_gram(a, v, p->bones[v * slots + k], count, bones, sums,
+                                             a->frames.data.columns);
+            }
+            count = 0;
+        }
+    }
+}
+
 // What is not from the frames.
 static void finish_gradient(void *user, size_t begin, size_t end, uint32_t worker) {
     const row_job *job = user;
@@ -90,6 +124,9 @@ static void finish_gradient(void *user, size_t begin, size_t end, uint32_t worke
         if (a->gram->noise > 0.0) {
             resist_noise(a, v, slots, p->bones, job->weights, &a->pulls[worker * p->proxy_count],
                          resisted);
+        }
+        if (p->layers != NULL) {
+            keep_layers(a, v, job->weights, &a->pulls[worker * p->proxy_count], gradient);
         }
         if (a->frames.data.columns == 1) {
             follow(a, job->weights, v, 1, gradient);
@@ -253,6 +290,10 @@ bool pci_skin_alternation_weigh(pci_scratch *scratch, pci_skin_alternation *a,
     for (size_t x = 0; x < 4; ++x) {
         const double norm = p->norms[x % 3] * factor; // L_s has that of L_r
         a->scale[x] = norm > 0.0 ? lambda[x] / norm : 0.0;
+    }
+    if (p->layers != NULL) {
+        const double norm = p->norms[0] * factor; // likewise
+        p->layers->factor = norm > 0.0 ? p->layers->lambda / norm : 0.0;
     }
     a->level = PCI_SKIN_LEVELS;
     const double follow_norm = a->spacing * (double)p->vertex_count;

@@ -4,6 +4,7 @@
 
 #include "proxycloth/skin.h"
 #include "stages/skin_alternate.h"
+#include "stages/skin_layers.h"
 #include "stages/weight_rows.h"
 
 enum { PCI_SKIN_CANDIDATES_MAX = 32 };
@@ -14,6 +15,7 @@ typedef struct pci_skin_fit {
     const pc_mesh *surface, *proxy;
     const uint8_t *pinned; // of the proxy, or NULL
     pci_skin_problem problem;
+    pci_skin_layers layers; // empty with AdamW
     pci_place *closest;    // #V, points on the proxy
     pc_skin followed;      // see pci_skin_follow_proxy; empty with AdamW
     uint32_t *bones;       // #V by slots

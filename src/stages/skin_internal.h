@@ -26,7 +26,8 @@ typedef struct pci_skin_problem {
     const double *frames;    // #frames by #P by 3, absolute
     const double *rotations; // #frames by #P by 4, unit quaternions (x, y, z, w); NULL: none turns
     uint32_t slots;
-    const uint32_t *bones; // B(i): #V by slots
+    const uint32_t *bones;          // B(i): #V by slots
+    struct pci_skin_layers *layers; // skin_layers.h, or NULL
 } pci_skin_problem;
 
 // Fills everything that follows from the surface alone; the arrays come from scratch memory.

@@ -3,6 +3,7 @@
 #include <float.h>
 
 #include "stages/skin_frames.h"
+#include "stages/skin_layers.h"
 #include "stages/skin_simplex.h"
 
 enum { GROUP = 64, GRAIN = 1 }; // vertices that one thread visits in turn; groups per piece
@@ -72,6 +73,11 @@ static void build_row(const pci_skin_problem *p, const incoming_lists *in, const
     add_entry(b, i, 0.0);
     for (size_t e = p->ring_offsets[i]; e < p->ring_offsets[i + 1]; ++e) {
         add_spring(b, i, p->ring[e], 2.0 * ring * pci_skin_stiffness(p, i, p->ring[e]));
+    }
+    const pci_skin_layers *layers = p->layers;
+    const size_t begin = layers != NULL ? layers->offsets[i] : 0;
+    for (size_t e = begin; layers != NULL && e < layers->offsets[i + 1]; ++e) {
+        add_entry(b, layers->columns[e], layers->factor * layers->values[e]);
     }
     if (k == 0) {
         return;

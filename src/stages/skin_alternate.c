@@ -280,7 +280,7 @@ pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, dou
     const uint32_t most = rough ? rounds : (uint32_t)(sample_rounds * rounds);
     bool sampled = a->gram->levels[PCI_SKIN_SAMPLE].stride > 1, same_frames = false;
     row_job job = {.a = a, .weights = weights};
-    double lowered = 0.0, slope = 0.0; // of the last round's step, before it
+    double slope = 0.0; // of the last round's step, before it
     for (uint32_t round = 0; round < rounds; ++round) {
         const double share = (double)round / (double)rounds;
         if (sampled && round >= most) {
@@ -299,9 +299,9 @@ pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, dou
         // A quadratic function falls by half of what the gradient says on the way to its minimum.
         slope = slope_of_step(a);
         const double fall = -0.5 * slope;
-        lowered += fall;
+        a->lowered += fall;
         same_frames = true;
-        if (fall <= tolerance * lowered) {
+        if (fall <= tolerance * a->lowered) {
             if (!sampled || rough) {
                 break;
             }

@@ -177,8 +177,10 @@ static bool visit_groups(pci_scratch *scratch, const pci_skin_problem *p, const 
     bool good = !local.failed && build_incoming(&local, p, &job.in);
     size_t longest = 0;
     for (size_t v = 0; v < p->vertex_count && good; ++v) {
+        const size_t tied =
+            p->layers != NULL ? p->layers->offsets[v + 1] - p->layers->offsets[v] : 0;
         const size_t length = 1 + p->near_count + (p->ring_offsets[v + 1] - p->ring_offsets[v]) +
-                              (job.in.offsets[v + 1] - job.in.offsets[v]);
+                              (job.in.offsets[v + 1] - job.in.offsets[v]) + tied;
         longest = length > longest ? length : longest;
     }
     for (uint32_t i = 0; i < threads && good; ++i) {

@@ -327,29 +327,41 @@ typedef struct driver_job {
     size_t first, stride; // blocks
 } driver_job;
 
-// What the proxy does in one frame, frames innermost. In float the mean displacement is left out:
-// no loss depends on it, and smaller numbers keep more digits. Where a block is not full the proxy
-// is at rest, which adds no gradient.
+// What the proxy does in one frame, frames innermost. Where a block is not full the proxy is at
+// rest, which adds no gradient.
 static void fill_lane(const pci_skin_frames *w, uint32_t frame, void *driver, size_t lane) {
     const pci_skin_problem *p = w->problem;
-    const bool centred = w->kernel->real_size == sizeof(float);
     const size_t per_bone = 3 * (size_t)w->data.columns;
-    double mean[3] = {0}, map[3 * PCI_SKIN_COLUMNS_MAX] = {0};
-    for (size_t b = 0; b < p->proxy_count && centred && frame != PC_INVALID_INDEX; ++b) {
-        pci_skin_bone_map(p, w->origin, frame, b, map);
-        for (size_t c = 0; c < 3; ++c) {
-            mean[c] += map[c] / (double)p->proxy_count;
-        }
-    }
+    double map[3 * PCI_SKIN_COLUMNS_MAX] = {0};
     for (size_t b = 0; b < p->proxy_count; ++b) {
         if (frame != PC_INVALID_INDEX) {
             pci_skin_bone_map(p, w->origin, frame, b, map);
+            for (size_t c = 0; c < 3; ++c) {
+                map[c] = w->unit * (map[c] - w->means[3 * frame + c]);
+            }
         }
         for (size_t k = 0; k < per_bone; ++k) {
-            pci_skin_put(w->kernel, driver, (per_bone * b + k) * PCI_BLOCK + lane,
-                         k < 3 ? w->unit * (map[k] - mean[k]) : map[k]);
+            pci_skin_put(w->kernel, driver, (per_bone * b + k) * PCI_BLOCK + lane, map[k]);
         }
     }
+}
+
+// In float the mean displacement is left out: no loss depends on it, and smaller numbers keep more
+// digits.
+static bool find_means(pci_scratch *scratch, pci_skin_frames *w) {
+    const pci_skin_problem *p = w->problem;
+    w->means = PCI_SCRATCH(scratch, double, 3 * p->frame_count);
+    if (scratch->failed || w->kernel->real_size != sizeof(float)) {
+        return !scratch->failed;
+    }
+    for (size_t i = 0; i < p->frame_count * p->proxy_count; ++i) {
+        double map[3 * PCI_SKIN_COLUMNS_MAX];
+        pci_skin_bone_map(p, w->origin, i / p->proxy_count, i % p->proxy_count, map);
+        for (size_t c = 0; c < 3; ++c) {
+            w->means[3 * (i / p->proxy_count) + c] += map[c] / (double)p->proxy_count;
+        }
+    }
+    return true;
 }
 
 static void fill_drivers(void *user, size_t begin, size_t end, uint32_t worker) {
@@ -417,7 +429,8 @@ bool pci_skin_frames_build(pci_scratch *scratch, const pci_skin_problem *problem
     w->driver_size = per_block * kernel->real_size;
     w->frames = frames;
     w->drivers = pci_skin_reals(scratch, kernel, PCI_SKIN_LOADED * per_block);
-    return !scratch->failed && fill_points(scratch, w) && build_patches(scratch, w);
+    return !scratch->failed && find_means(scratch, w) && fill_points(scratch, w) &&
+           build_patches(scratch, w);
 }
 
 uint32_t *pci_skin_frames_in_sequence(pci_scratch *scratch, const pci_skin_problem *problem,

@@ -17,6 +17,7 @@ typedef struct pci_skin_frames {
     double unit;      // lengths are multiplied by this
     double origin[3]; // of the points
     double *points;   // #V by columns: x^ of skin_driver.h in that unit
+    double *means;    // #frames by 3, displacements that the kernel does not see
 
     size_t patch_count;
     pci_skin_patch *patches;

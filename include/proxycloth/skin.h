@@ -34,7 +34,8 @@
 ///   what closest-triangle weights give: these hardly stretch where the cloth is one flat sheet.
 /// - Loose parts that lie upon each other, as pockets, belts and soles do, pass through each other
 ///   when each finds weights of its own. L_l = sum s_i |u_i(t) - u_p(i)(t)|^2 keeps them apart: over
-///   the vertices that have another part nearer than half the root mean square length l of the
+///   the vertices that have another part, over the same proxy triangles or their neighbours, nearer than half
+///   the root mean square length l of the
 ///   edges, p(i) its closest point, s_i = l min(l, l_i) / (d^2 + l^2 / 100) with the distance d at
 ///   rest and l_i the mean length of the edges at i. Closest-triangle weights have that by
 ///   themselves, being the same for all layers. Crossings of such garments fall by a tenth or more.

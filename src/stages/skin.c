@@ -216,8 +216,9 @@ static pc_status prepare(pci_scratch *scratch, const pc_mesh *surface, const pc_
     }
     const size_t edges = f->problem.ring_offsets[nv];
     if (o->solver == PC_SKIN_ALTERNATE && o->lambda_layers > 0.0 && edges > 0) {
-        status = pci_skin_find_layers(scratch, surface, sqrt(f->paper_norms[0] / (double)edges),
-                                      o->lambda_layers, &f->layers);
+        status = pci_skin_find_layers(scratch, surface, proxy, f->closest,
+                                      sqrt(f->paper_norms[0] / (double)edges), o->lambda_layers,
+                                      &f->layers);
         f->problem.layers = f->layers.offsets != NULL ? &f->layers : NULL;
     }
     if (status != PC_OK) {

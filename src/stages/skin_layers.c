@@ -20,10 +20,12 @@ typedef struct tie {
 typedef struct tie_job {
     const pc_mesh *surface;
     const pci_bvh *bvh;
-    const uint32_t *parts; // #V
-    const double *lengths; // #V: of the edges around, mean
-    double typical;        // length of an edge
-    tie *ties;             // #V
+    const pc_mesh *proxy;
+    const pci_place *closest; // #V
+    const uint32_t *parts;    // #V
+    const double *lengths;    // #V: of the edges around, mean
+    double typical;           // length of an edge
+    tie *ties;                // #V
 } tie_job;
 
 // The triangles within a radius, which is made smaller until they fit.
@@ -35,6 +37,18 @@ static size_t collect(const pci_bvh *bvh, const double point[3], double radius,
         count = pci_bvh_collect(bvh, point, radius, NEAR, triangles);
     }
     return count > NEAR ? 0 : count;
+}
+
+// Whether a vertex and a corner of a triangle have closest points on proxy triangles that touch.
+static bool over_same_place(const tie_job *job, size_t v, const uint32_t corner[3]) {
+    const uint32_t *here = &job->proxy->triangles[3 * (size_t)job->closest[v].triangle];
+    for (size_t c = 0; c < 27; ++c) {
+        const size_t there = job->closest[corner[c / 9]].triangle;
+        if (here[c % 3] == job->proxy->triangles[3 * there + c / 3 % 3]) {
+            return true;
+        }
+    }
+    return false;
 }
 
 static void find_ties(void *user, size_t begin, size_t end, uint32_t worker) {
@@ -50,7 +64,7 @@ static void find_ties(void *user, size_t begin, size_t end, uint32_t worker) {
         for (size_t i = 0; i < count; ++i) {
             const uint32_t *corner = &surface->triangles[3 * (size_t)triangles[i]];
             double barycentric[3];
-            if (job->parts[corner[0]] == job->parts[v]) {
+            if (job->parts[corner[0]] == job->parts[v] || !over_same_place(job, v, corner)) {
                 continue;
             }
             const double distance = pci_triangle_squared_distance(
@@ -128,8 +142,9 @@ static void find_lengths(const pc_mesh *surface, uint32_t *counts, double *lengt
     }
 }
 
-pc_status pci_skin_find_layers(pci_scratch *scratch, const pc_mesh *surface, double typical,
-                               double lambda, pci_skin_layers *layers) {
+pc_status pci_skin_find_layers(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *proxy,
+                               const pci_place *closest, double typical, double lambda,
+                               pci_skin_layers *layers) {
     pc_context *context = scratch->context;
     const size_t nv = surface->vertex_count;
     memset(layers, 0, sizeof(*layers));
@@ -148,7 +163,7 @@ pc_status pci_skin_find_layers(pci_scratch *scratch, const pc_mesh *surface, dou
         find_lengths(surface, counts, lengths);
         status = pci_bvh_create(context, stage, surface, &bvh);
         if (status == PC_OK) {
-            tie_job job = {surface, bvh, parts, lengths, typical, ties};
+            tie_job job = {surface, bvh, proxy, closest, parts, lengths, typical, ties};
             pci_parallel_for(context, nv, 256, find_ties, &job);
             status = sum_ties(scratch, nv, ties, layers) ? PC_OK : pci_fail_memory(context, stage);
         }

@@ -8,6 +8,7 @@
 #ifndef PCI_SKIN_LAYERS_H
 #define PCI_SKIN_LAYERS_H
 
+#include "core/bvh.h"
 #include "stages/skin_internal.h"
 
 typedef struct pci_skin_layers {
@@ -18,9 +19,11 @@ typedef struct pci_skin_layers {
     double *values;
 } pci_skin_layers;
 
-// `typical`: root mean square length of the edges. `layers` stays zeroed where no two parts are
-// near.
+// Parts count that lie over the same place of the proxy: what follows another place of it may well
+// move away. `closest` (#V): points on the proxy; `typical`: root mean square length of the edges.
+// `layers` stays zeroed where no two parts are near.
 PC_NODISCARD pc_status pci_skin_find_layers(pci_scratch *scratch, const pc_mesh *surface,
+                                            const pc_mesh *proxy, const pci_place *closest,
                                             double typical, double lambda, pci_skin_layers *layers);
 
 #endif

@@ -66,15 +66,24 @@ static double length_at(const pc_mesh *mesh, size_t v) {
     return sum / (double)count;
 }
 
+static pci_place *find_closest(pc_context *context, const pc_mesh *surface, const pc_mesh *proxy) {
+    pci_place *closest = calloc(surface->vertex_count, sizeof(*closest));
+    assert_ok(context, pci_closest_points(context, "skin", surface, proxy, closest));
+    return closest;
+}
+
 // <u, T u> for random u, against the closest points by trying all triangles.
 static void ties_are_those_of_the_closest_points(void **state) {
     (void)state;
     pc_context *context = test_context(3);
     pc_mesh both = make_layers(context, 1.0, 1.04);
+    pc_mesh proxy = make_tube(context, 3, 1, 3.0, tube_length); // all triangles touch
+    pci_place *closest = find_closest(context, &both, &proxy);
     pci_scratch scratch = pci_scratch_begin(context);
     pci_skin_layers layers;
     const double typical = 0.25;
-    assert_ok(context, pci_skin_find_layers(&scratch, &both, typical, 2.0, &layers));
+    assert_ok(context,
+              pci_skin_find_layers(&scratch, &both, &proxy, closest, typical, 2.0, &layers));
     assert_non_null(layers.offsets);
     assert_close(layers.lambda, 2.0, 0.0);
     const size_t nv = both.vertex_count;
@@ -100,23 +109,34 @@ static void ties_are_those_of_the_closest_points(void **state) {
     }
     assert_close(form, direct, 1e-9 * direct);
     free(u);
+    free(closest);
     pci_scratch_end(&scratch);
+    pc_mesh_free(context, &proxy);
     pc_mesh_free(context, &both);
     pc_context_destroy(context);
 }
 
-static void parts_that_are_far_or_single_are_not_tied(void **state) {
+// Parts too far from each other, a single part, and parts over different pieces of the proxy.
+static void other_parts_are_not_tied(void **state) {
     (void)state;
     pc_context *context = test_context(1);
-    pc_mesh meshes[2] = {make_layers(context, 1.0, 1.3), // more than half of .25
-                         make_tube(context, 32, 40, 1.0, tube_length)};
-    for (size_t i = 0; i < 2; ++i) {
+    pc_mesh meshes[3] = {make_layers(context, 1.0, 1.3), // more than half of .25
+                         make_tube(context, 32, 40, 1.0, tube_length),
+                         make_layers(context, 1.0, 1.04)};
+    pc_mesh proxies[3] = {make_tube(context, 3, 1, 3.0, tube_length),
+                          make_tube(context, 3, 1, 3.0, tube_length),
+                          make_layers(context, 1.0, 1.04)};
+    for (size_t i = 0; i < 3; ++i) {
+        pci_place *closest = find_closest(context, &meshes[i], &proxies[i]);
         pci_scratch scratch = pci_scratch_begin(context);
         pci_skin_layers layers;
-        assert_ok(context, pci_skin_find_layers(&scratch, &meshes[i], 0.25, 1.0, &layers));
+        assert_ok(context, pci_skin_find_layers(&scratch, &meshes[i], &proxies[i], closest, 0.25,
+                                                1.0, &layers));
         assert_null(layers.offsets);
+        free(closest);
         pci_scratch_end(&scratch);
         pc_mesh_free(context, &meshes[i]);
+        pc_mesh_free(context, &proxies[i]);
     }
     pc_context_destroy(context);
 }
@@ -191,7 +211,7 @@ static void tied_parts_have_the_same_bytes_at_any_thread_count(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(ties_are_those_of_the_closest_points),
-        cmocka_unit_test(parts_that_are_far_or_single_are_not_tied),
+        cmocka_unit_test(other_parts_are_not_tied),
         cmocka_unit_test(tied_parts_keep_their_gap),
         cmocka_unit_test(tied_parts_have_the_same_bytes_at_any_thread_count),
     };

@@ -208,6 +208,7 @@ static double motion_with(const fixture *f, const pc_motion *motion, double leas
     pc_skin_options options = defaults();
     options.least_motion = least_motion;
     options.lambda_follow = lambda_follow;
+    options.lambda_layers = 0.0; // which also changes how much the dress's parts move
     return measures_with(f, motion, &options).motion_ratio;
 }
 

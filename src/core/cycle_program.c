@@ -124,7 +124,8 @@ void pci_cycle_program_purge(pci_cycle_program *p) {
 // One step is that of Chambolle and Pock, with step lengths by the number of entries in row and
 // column ("Diagonal preconditioning for first order primal-dual algorithms", 2011).
 
-static float positive(float value) { return value > 0.0F ? value : 0.0F; }
+// The larger one of a value and 0. Exact, and without a branch that no processor predicts.
+static float positive(float value) { return 0.5F * (value + fabsf(value)); }
 
 static float clamp(float value, float low, float high) {
     return value < low ? low : value > high ? high : value;

@@ -1,10 +1,15 @@
 #include "core/maxflow.h"
 
+#include <stdatomic.h>
+
 enum { FREE = 0, SOURCE = 1, SINK = 2 };
 #define NO_PARENT UINT32_MAX
 #define TERMINAL  (UINT32_MAX - 1)
 #define ORPHAN    (UINT32_MAX - 2)
 #define NO_ARC    UINT32_MAX
+
+// Networks of so many nodes are searched in so many parts (a power of two) first.
+enum { least_divided = 4096, most_parts = 4 };
 
 // First in, first out, each node at most once.
 typedef struct queue {
@@ -58,6 +63,10 @@ typedef struct search {
 static int64_t growth(uint8_t tree, const flow_arc *arc) {
     return tree == SOURCE ? arc->out : arc->in;
 }
+
+// Whether no flow passes in either direction: no capacity, or an arc to another part, of which
+// nothing may be read.
+static bool is_closed(const flow_arc *arc) { return arc->out + arc->in == 0; }
 
 // Grows the trees until they touch; returns the arc from the source tree to the sink tree, or
 // NO_ARC.
@@ -174,7 +183,7 @@ static void adopt(search *s, uint32_t orphan) {
     uint32_t best = NO_ARC, best_distance = UINT32_MAX;
     for (size_t k = begin; k < end; ++k) {
         const flow_arc *arc = &s->arcs[k];
-        if (s->nodes[arc->head].tree == tree && growth(other, arc) != 0) {
+        if (growth(other, arc) != 0 && s->nodes[arc->head].tree == tree) {
             const uint32_t distance = root_distance(s, arc->head);
             if (distance < best_distance) {
                 best = (uint32_t)k;
@@ -196,10 +205,10 @@ static void adopt(search *s, uint32_t orphan) {
     s->nodes[orphan].parent = NO_PARENT;
     for (size_t k = begin; k < end; ++k) {
         const flow_arc *arc = &s->arcs[k];
-        const flow_node *q = &s->nodes[arc->head];
-        if (q->tree != tree) {
+        if (is_closed(arc) || s->nodes[arc->head].tree != tree) {
             continue;
         }
+        const flow_node *q = &s->nodes[arc->head];
         if (growth(other, arc) != 0) {
             queue_push(&s->active, arc->head);
         }
@@ -209,7 +218,7 @@ static void adopt(search *s, uint32_t orphan) {
     }
 }
 
-// Copies the network to where the search wants it.
+// Copies the network to where the search wants it, all arcs closed.
 static bool gather_arcs(pci_scratch *scratch, search *s) {
     const pci_flow_network *net = s->net;
     uint32_t *places = PCI_SCRATCH(scratch, uint32_t, net->arc_count);
@@ -222,17 +231,101 @@ static bool gather_arcs(pci_scratch *scratch, search *s) {
     }
     for (size_t k = 0; k < net->arc_count; ++k) {
         const uint32_t arc = net->arcs[k];
-        s->arcs[k] = (flow_arc){.head = net->heads[arc],
-                                .mate = places[arc ^ 1u],
-                                .out = net->capacities[arc],
-                                .in = net->capacities[arc ^ 1u]};
+        s->arcs[k] = (flow_arc){.head = net->heads[arc], .mate = places[arc ^ 1u]};
     }
     return true;
 }
 
+// The roots of the trees.
+static void plant(search *s, size_t first, size_t last) {
+    for (size_t v = first; v < last; ++v) {
+        const int64_t room = s->net->terminals[v];
+        s->nodes[v].parent = NO_PARENT;
+        if (room != 0) {
+            s->nodes[v] =
+                (flow_node){.parent = TERMINAL, .distance = 1, .tree = room > 0 ? SOURCE : SINK};
+            queue_push(&s->active, (uint32_t)v);
+        }
+    }
+}
+
+// Opens what is closed of the arcs between nodes from `first` to before `last`.
+static void open_arcs(search *s, size_t first, size_t last) {
+    const pci_flow_network *net = s->net;
+    for (size_t v = first; v < last; ++v) {
+        bool opened = false;
+        for (size_t k = net->offsets[v]; k < net->offsets[v + 1]; ++k) {
+            flow_arc *arc = &s->arcs[k];
+            if (is_closed(arc) && arc->head >= first && arc->head < last) {
+                arc->out = net->capacities[net->arcs[k]];
+                arc->in = net->capacities[net->arcs[k] ^ 1u];
+                opened = true;
+            }
+        }
+        if (opened && s->nodes[v].tree != FREE) {
+            queue_push(&s->active, (uint32_t)v);
+        }
+    }
+}
+
+// What is left of a search when the trees of a part touch no more.
+typedef struct part_state {
+    uint64_t time;
+    int64_t flow;
+} part_state;
+
+typedef struct flow_job {
+    pc_context *context;
+    search *whole;
+    size_t size;        // nodes of a part
+    size_t step;        // parts of the first level in one
+    part_state *states; // by part of the first level
+    atomic_bool cancelled;
+} flow_job;
+
+static void saturate_parts(void *user, size_t begin, size_t end, uint32_t worker) {
+    flow_job *job = user;
+    const size_t n = job->whole->net->node_count;
+    for (size_t part = begin; part < end; ++part) {
+        const size_t first = part * job->size;
+        const size_t last = n - first < job->size ? n : first + job->size;
+        part_state *state = &job->states[part * job->step];
+        search s = *job->whole;
+        s.active.nodes += first;
+        s.orphans.nodes += first;
+        s.active.size = s.orphans.size = last - first;
+        if (job->step == 1) {
+            plant(&s, first, last);
+        } else {
+            const part_state *other = state + job->step / 2;
+            s.time = other->time > state->time ? other->time : state->time;
+            s.flow = state->flow + other->flow;
+        }
+        open_arcs(&s, first, last);
+        for (uint32_t bridge = grow(&s); bridge != NO_ARC; bridge = grow(&s)) {
+            if (++s.time % 256 == 0) {
+                // Only the thread that entered the library may ask.
+                if (worker == 0 && !pci_keep_going(job->context)) {
+                    atomic_store(&job->cancelled, true);
+                }
+                if (atomic_load(&job->cancelled)) {
+                    return;
+                }
+            }
+            augment(&s, bridge);
+            while (s.orphans.count != 0) {
+                adopt(&s, queue_pop(&s.orphans));
+            }
+        }
+        *state = (part_state){s.time, s.flow};
+    }
+}
+
+// The search begins in parts of the network, which know no arcs to others, and goes on in pairs of
+// them: Liu and Sun, "Parallel graph-cuts by adaptive bottom-up merging", CVPR 2010.
 bool pci_maxflow(pc_context *context, const pci_flow_network *network, int64_t *flow,
                  uint8_t *reachable) {
-    const size_t n = network->node_count;
+    const size_t n = network->node_count, parts = n < least_divided ? 1 : most_parts;
     pci_scratch scratch = pci_scratch_begin(context);
     search s = {.net = network};
     s.nodes = PCI_SCRATCH(&scratch, flow_node, n);
@@ -240,26 +333,15 @@ bool pci_maxflow(pc_context *context, const pci_flow_network *network, int64_t *
     s.active.member = PCI_SCRATCH(&scratch, uint8_t, n);
     s.orphans.nodes = PCI_SCRATCH(&scratch, uint32_t, n);
     s.orphans.member = PCI_SCRATCH(&scratch, uint8_t, n);
-    s.active.size = s.orphans.size = n;
+    flow_job job = {.context = context, .whole = &s, .size = (n + parts - 1) / parts};
+    job.states = PCI_SCRATCH(&scratch, part_state, parts);
     bool ok = gather_arcs(&scratch, &s);
+    for (job.step = 1; ok && job.step <= parts; job.step *= 2, job.size *= 2) {
+        pci_parallel_for(context, parts / job.step, 1, saturate_parts, &job);
+        ok = !job.cancelled;
+    }
     if (ok) {
-        for (uint32_t v = 0; v < n; ++v) {
-            s.nodes[v].parent = NO_PARENT;
-            if (network->terminals[v] != 0) {
-                s.nodes[v].tree = network->terminals[v] > 0 ? SOURCE : SINK;
-                s.nodes[v].parent = TERMINAL;
-                s.nodes[v].distance = 1;
-                queue_push(&s.active, v);
-            }
-        }
-        for (uint32_t bridge = grow(&s); bridge != NO_ARC && ok; bridge = grow(&s)) {
-            ok = ++s.time % 256 != 0 || pci_keep_going(context);
-            augment(&s, bridge);
-            while (s.orphans.count != 0) {
-                adopt(&s, queue_pop(&s.orphans));
-            }
-        }
-        *flow = s.flow;
+        *flow = job.states[0].flow;
         for (size_t k = 0; k < network->arc_count; ++k) {
             network->capacities[network->arcs[k]] = s.arcs[k].out;
         }

@@ -57,14 +57,14 @@ static bool is_below_exp(double number, double x) {
 }
 
 // False: cancelled.
-static bool anneal(pc_context *context, search *s, uint64_t run) {
+static bool anneal(pc_context *context, search *s, uint32_t sweeps) {
     const size_t n = s->graph->vertex_count;
     double mean = 0.0;
     for (size_t e = 0; e < s->graph->edge_count; ++e) {
         mean += (double)s->graph->edges[e].cost / (double)s->graph->edge_count;
     }
-    for (uint32_t sweep = 0; sweep < SWEEPS; ++sweep) {
-        const double t = (double)sweep / (SWEEPS - 1);
+    for (uint32_t sweep = 0; sweep < sweeps; ++sweep) {
+        const double t = (double)sweep / (sweeps - 1);
         const double temperature = mean * HOT * pow(COLD / HOT, t);
         if (!pci_keep_going(context)) {
             return false;
@@ -72,7 +72,7 @@ static bool anneal(pc_context *context, search *s, uint64_t run) {
         for (uint32_t v = 1; v < n; ++v) {
             const double gain = (double)s->gains[v];
             if (gain >= 0.0 || (gain > -20.0 * temperature &&
-                                is_below_exp(pci_random(run, sweep, v), gain / temperature))) {
+                                is_below_exp(pci_random(0, sweep, v), gain / temperature))) {
                 flip(s, v);
             }
         }
@@ -188,8 +188,9 @@ static int64_t fuse(search *s, uint32_t *queue, uint8_t *state, uint8_t *best) {
 }
 
 bool pci_signed_search(pc_context *context, const pci_signed_graph *graph, const float *keys,
-                       uint32_t runs, uint8_t *labels) {
+                       size_t steps, uint8_t *labels) {
     const size_t n = graph->vertex_count;
+    const uint32_t sweeps = n < steps / SWEEPS ? SWEEPS : (uint32_t)(steps / n);
     pci_scratch scratch = pci_scratch_begin(context);
     search s = {.graph = graph};
     s.labels = PCI_SCRATCH(&scratch, uint8_t, n);
@@ -202,10 +203,10 @@ bool pci_signed_search(pc_context *context, const pci_signed_graph *graph, const
         reset(&s);
         descend(&s);
         fuse(&s, queue, state, labels);
-        memcpy(s.labels, labels, n);
-        for (uint32_t run = 0; run < runs && ok; ++run) {
+        if (sweeps > 1) {
+            memcpy(s.labels, labels, n);
             reset(&s);
-            ok = anneal(context, &s, run);
+            ok = anneal(context, &s, sweeps);
             fuse(&s, queue, state, labels);
         }
     }

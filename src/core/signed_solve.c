@@ -6,7 +6,10 @@
 #include "core/roof_duality.h"
 #include "core/signed_search.h"
 
-enum { MAX_WIDTH = 18 };
+enum {
+    MAX_WIDTH = 18,
+    FEW_STEPS = 1 << 20 // of annealing, when nothing comes after it: a few milliseconds
+};
 #define MIN_SHRINK        0.95 // smaller steps are not worth another round
 #define MAX_TABLE_ENTRIES (UINT64_C(1) << 22)
 
@@ -121,7 +124,8 @@ static pc_status solve_component(solver *s, const pci_signed_graph *graph, uint8
     pc_status status = PC_OK;
     pci_scratch scratch = pci_scratch_begin(s->context);
     pci_cycle_bound cycles = {0};
-    if (!pci_signed_search(s->context, graph, NULL, 1, labels)) {
+    if (!pci_signed_search(s->context, graph, NULL, s->budget.left == 0 ? FEW_STEPS : SIZE_MAX,
+                           labels)) {
         status = pci_fail_memory(s->context, s->stage);
         goto cleanup;
     }

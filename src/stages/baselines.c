@@ -232,32 +232,59 @@ static pc_status factorise_heat(pc_context *context, const pc_mesh *surface, dou
     return status;
 }
 
+// `COLUMNS` proxy vertices whose heat flows.
+typedef struct flow_job {
+    const pc_skin *closest;
+    const double *masses;
+    size_t first;    // of the proxy vertices
+    double *columns; // #V by COLUMNS
+    pc_skin *skin;
+} flow_job;
+
+static void fill_heat(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const flow_job *job = user;
+    memset(&job->columns[begin * COLUMNS], 0, (end - begin) * COLUMNS * sizeof(*job->columns));
+    for (size_t i = 3 * begin; i < 3 * end; ++i) {
+        const size_t column = job->closest->bones[i] - job->first; // large where it is below
+        if (column < COLUMNS) {
+            job->columns[i / 3 * COLUMNS + column] += job->masses[i / 3] * job->closest->weights[i];
+        }
+    }
+}
+
+static void keep_largest(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const flow_job *job = user;
+    const uint32_t slots = job->skin->influences;
+    for (size_t i = begin * COLUMNS; i < end * COLUMNS; ++i) {
+        if (job->columns[i] > 0.0) {
+            const size_t row = i / COLUMNS * slots;
+            insert(&job->skin->bones[row], &job->skin->weights[row], slots,
+                   (uint32_t)(job->first + i % COLUMNS), job->columns[i]);
+        }
+    }
+}
+
 // Lets the weights of `COLUMNS` proxy vertices flow at a time and keeps the largest of each row.
 static pc_status flow(pc_context *context, const pci_cholesky *cholesky, const double *masses,
                       const pc_skin *closest, size_t proxy_count, pc_skin *skin) {
     const size_t nv = skin->vertex_count;
-    double *columns = PCI_ALLOCATE(context, double, nv *COLUMNS);
-    pc_status status = columns == NULL ? pci_fail_memory(context, stage) : PC_OK;
-    for (size_t first = 0; first < proxy_count && status == PC_OK; first += COLUMNS) {
-        memset(columns, 0, nv * COLUMNS * sizeof(*columns));
-        for (size_t i = 0; i < 3 * nv; ++i) {
-            if (closest->bones[i] >= first && closest->bones[i] < first + COLUMNS) {
-                columns[i / 3 * COLUMNS + closest->bones[i] - first] +=
-                    masses[i / 3] * closest->weights[i];
-            }
-        }
-        status = pci_progress(context, stage, (double)first / (double)proxy_count)
-                     ? pci_cholesky_solve(context, cholesky, COLUMNS, columns, columns)
+    flow_job job = {.closest = closest,
+                    .masses = masses,
+                    .columns = PCI_ALLOCATE(context, double, nv *COLUMNS),
+                    .skin = skin};
+    pc_status status = job.columns == NULL ? pci_fail_memory(context, stage) : PC_OK;
+    for (; job.first < proxy_count && status == PC_OK; job.first += COLUMNS) {
+        pci_parallel_for(context, nv, 256, fill_heat, &job);
+        status = pci_progress(context, stage, (double)job.first / (double)proxy_count)
+                     ? pci_cholesky_solve(context, cholesky, COLUMNS, job.columns, job.columns)
                      : pci_fail_cancelled(context, stage);
-        for (size_t i = 0; i < nv * COLUMNS && status == PC_OK; ++i) {
-            const size_t row = i / COLUMNS * skin->influences;
-            if (columns[i] > 0.0) {
-                insert(&skin->bones[row], &skin->weights[row], skin->influences,
-                       (uint32_t)(first + i % COLUMNS), columns[i]);
-            }
+        if (status == PC_OK) {
+            pci_parallel_for(context, nv, 256, keep_largest, &job);
         }
     }
-    pc_release(context, columns);
+    pc_release(context, job.columns);
     return status;
 }
 

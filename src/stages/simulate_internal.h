@@ -24,6 +24,14 @@ typedef struct pci_spring_block {
     double stiffness[PCI_LANES];                 // of a whole step
 } pci_spring_block;
 
+// Each spring moves its ends towards the rest length, shared by mass. All lanes are read before any
+// is written, so the result is that of one after the other; the same bits from all sweeps.
+// `places`: x, y, z and 0 of each vertex.
+typedef void (*pci_sweep)(double *places, const pci_spring_block *blocks, size_t count);
+void pci_sweep_generic(double *places, const pci_spring_block *blocks, size_t count);
+void pci_sweep_avx2(double *places, const pci_spring_block *blocks, size_t count);
+pci_sweep pci_fastest_sweep(void); // on this processor
+
 typedef enum pci_dynamics { PCI_DYNAMICS_PBD, PCI_DYNAMICS_XPBD } pci_dynamics;
 
 struct pci_contacts;
@@ -35,6 +43,7 @@ typedef struct pci_cloth {
     double *velocities;         // #V by 3, m/s
     double *previous;           // #V by 3, scratch of a step
     double *forces;             // #V by 3, scratch of a step
+    double *places;             // #V by 4, scratch of the sweeps
     double *saved;              // #V by 6, scratch of an adaptive step; NULL: substeps are fixed
     const double *inverse_mass; // #V, 1/kg; 0: held
     const double *targets;      // #V by 3, where held vertices end this step; NULL: they stay
@@ -43,6 +52,7 @@ typedef struct pci_cloth {
     size_t block_count;
     size_t edge_block_count; // the first ones hold the springs along edges
     pci_spring_block *blocks;
+    pci_sweep sweep;
     double time_step;    // s
     double damping;      // share of the velocity lost per step
     double air_density;  // kg/m^3
@@ -75,7 +85,8 @@ double pci_sweep_stiffness(double k, uint32_t sweeps);
 bool pci_springs_build(pci_scratch *scratch, const pc_mesh *mesh, double stretch, double bend,
                        pci_spring **springs, size_t *spring_count, size_t *edge_spring_count);
 
-// Packs springs into blocks; solving block by block is solving one after the other in their order.
+// Packs springs into blocks and makes room for sweeps; solving block by block is solving one after
+// the other in their order.
 // False: out of memory.
 bool pci_springs_pack(pci_scratch *scratch, const pci_spring *springs, size_t count,
                       size_t edge_count, pci_cloth *cloth);

@@ -4,10 +4,6 @@
 #include "core/topology.h"
 #include "stages/simulate_internal.h"
 
-#if defined(__SSE2__)
-#include <emmintrin.h>
-#endif
-
 // ---- forces -------------------------------------------------------------------------------------
 
 // Wind pushes each triangle along its normal, in proportion to the relative speed. The force is
@@ -46,45 +42,20 @@ static void accumulate_wind(pci_cloth *cloth, const double wind[3], double dt) {
     }
 }
 
-// ---- sweeps
-// ---------------------------------------------------------------------------------------
+// ---- sweeps -------------------------------------------------------------------------------------
 
-// 1 - rest / length of all lanes, two at a time where the processor can; the same bits either way.
-static inline void relative_changes(const double squares[PCI_LANES], const double rest[PCI_LANES],
-                                    double changes[PCI_LANES]) {
-#if defined(__SSE2__)
-    for (size_t l = 0; l < PCI_LANES; l += 2) {
-        const __m128d lengths = _mm_sqrt_pd(_mm_loadu_pd(&squares[l]));
-        const __m128d ratios = _mm_div_pd(_mm_loadu_pd(&rest[l]), lengths);
-        _mm_storeu_pd(&changes[l], _mm_sub_pd(_mm_set1_pd(1.0), ratios));
+// A sweep over all springs. Between two sweeps nothing else needs to know where the vertices are.
+static void sweep(pci_cloth *cloth, bool is_first, bool is_last) {
+    double *x = cloth->positions, *places = cloth->places;
+    if (cloth->block_count == 0) {
+        return;
     }
-#else
-    for (size_t l = 0; l < PCI_LANES; ++l) {
-        changes[l] = 1.0 - rest[l] / sqrt(squares[l]);
+    for (size_t v = 0; is_first && v < cloth->vertex_count; ++v) {
+        memcpy(&places[4 * v], &x[3 * v], 3 * sizeof(*x));
     }
-#endif
-}
-
-// Each spring moves its ends towards the rest length, shared by mass. All lanes are read before any
-// is written; they share no vertex, so the result is that of one after the other.
-static void sweep_blocks(double *x, const pci_spring_block *blocks, size_t count) {
-    for (size_t i = 0; i < count; ++i) {
-        const pci_spring_block *block = &blocks[i];
-        double d[3][PCI_LANES], squares[PCI_LANES], changes[PCI_LANES];
-        for (size_t l = 0; l < PCI_LANES; ++l) {
-            const double *a = &x[3 * (size_t)block->a[l]], *b = &x[3 * (size_t)block->b[l]];
-            d[0][l] = b[0] - a[0], d[1][l] = b[1] - a[1], d[2][l] = b[2] - a[2];
-            // Ends in one place have no direction: the tiny number keeps them there.
-            squares[l] = d[0][l] * d[0][l] + d[1][l] * d[1][l] + d[2][l] * d[2][l] + 1e-300;
-        }
-        relative_changes(squares, block->rest, changes);
-        for (size_t l = 0; l < PCI_LANES; ++l) {
-            double *a = &x[3 * (size_t)block->a[l]], *b = &x[3 * (size_t)block->b[l]];
-            const double move_a = block->move_a[l] * changes[l];
-            const double move_b = block->move_b[l] * changes[l];
-            a[0] += move_a * d[0][l], a[1] += move_a * d[1][l], a[2] += move_a * d[2][l];
-            b[0] -= move_b * d[0][l], b[1] -= move_b * d[1][l], b[2] -= move_b * d[2][l];
-        }
+    cloth->sweep(places, cloth->blocks, cloth->block_count);
+    for (size_t v = 0; is_last && v < cloth->vertex_count; ++v) {
+        memcpy(&x[3 * v], &places[4 * v], 3 * sizeof(*x));
     }
 }
 
@@ -138,8 +109,7 @@ static double strained_share(const pci_cloth *cloth, double limit) {
     return edges > 0 ? (double)strained / (double)edges : 0.0;
 }
 
-// ---- steps
-// ----------------------------------------------------------------------------------------
+// ---- steps --------------------------------------------------------------------------------------
 
 // Shares of the corrections when a step has this many substeps.
 static void prepare_blocks(pci_cloth *cloth) {
@@ -218,6 +188,7 @@ static void run_substep(pci_cloth *cloth, const double wind[3], uint32_t index) 
     const uint32_t n = cloth->substeps;
     const double dt = cloth->time_step / (double)n;
     const double kept = n == 1 ? 1.0 - cloth->damping : pow(1.0 - cloth->damping, 1.0 / (double)n);
+    const bool touches = cloth->self != NULL || cloth->contacts != NULL;
     const uint32_t sweeps = cloth->dynamics == PCI_DYNAMICS_XPBD ? 1 : cloth->iterations;
     accumulate_wind(cloth, wind, dt);
     // From here to the target in the n - index substeps that are left.
@@ -232,7 +203,7 @@ static void run_substep(pci_cloth *cloth, const double wind[3], uint32_t index) 
         pci_self_contact_find(cloth->self, cloth);
     }
     for (uint32_t i = 0; i < sweeps; ++i) {
-        sweep_blocks(cloth->positions, cloth->blocks, cloth->block_count);
+        sweep(cloth, i == 0 || touches, i + 1 == sweeps || touches);
         if (cloth->self != NULL) {
             pci_self_contact_solve(cloth->self, cloth);
         }
@@ -420,7 +391,9 @@ bool pci_springs_pack(pci_scratch *scratch, const pci_spring *springs, size_t co
                       size_t edge_count, pci_cloth *cloth) {
     // At worst each spring has a block for itself.
     cloth->blocks = PCI_SCRATCH(scratch, pci_spring_block, count);
-    if (cloth->blocks == NULL) {
+    cloth->places = PCI_SCRATCH(scratch, double, 4 * cloth->vertex_count);
+    cloth->sweep = pci_fastest_sweep();
+    if (scratch->failed) {
         return false;
     }
     cloth->edge_block_count = pack_blocks(springs, edge_count, cloth->blocks);

@@ -32,15 +32,18 @@ static inline void clear_bones(size_t count, const uint32_t *bones, double *pull
     }
 }
 
-// The gradient of the noise in all terms but L_f, for weights of `count` slots: `sums` of a row.
-static void resist_noise(const pci_skin_alternation *a, size_t v, size_t count,
+// The gradient of the noise in all terms but L_f, for weights of `count` slots: `sums` of the row
+// of a member.
+static void resist_noise(const pci_skin_alternation *a, size_t member, size_t count,
                          const uint32_t *bones, const double *weights, double *pulls,
                          double *sums) {
     const pci_skin_quadratic *q = &a->quadratic;
+    const uint32_t *known = &q->known[q->known_offsets[member / PCI_SKIN_GROUP]];
     const double noise = a->gram->noise;
-    const size_t begin = q->offsets[v], end = q->offsets[v + 1];
+    const size_t v = q->members[member];
+    const size_t begin = q->offsets[member], end = q->offsets[member + 1];
     for (size_t e = begin; e < end; ++e) {
-        const size_t j = q->columns[e];
+        const size_t j = known[q->entries[e]];
         const double m = noise * ((double)q->values[e] - (j == v ? 2.0 * a->follow[v] : 0.0));
         pull_bones(m, count, &bones[j * count], &weights[j * count], pulls);
     }
@@ -48,7 +51,7 @@ static void resist_noise(const pci_skin_alternation *a, size_t v, size_t count,
         sums[k] = pulls[q->bones[v * q->slots + k]];
     }
     for (size_t e = begin; e < end; ++e) {
-        clear_bones(count, &bones[q->columns[e] * count], pulls);
+        clear_bones(count, &bones[known[q->entries[e]] * count], pulls);
     }
 }
 
@@ -78,17 +81,19 @@ static inline __attribute__((always_inline)) void follow(const pci_skin_alternat
     }
 }
 
-// What is not from the frames.
+// What is not from the frames, of the members of some groups.
 static void finish_gradient(void *user, size_t begin, size_t end, uint32_t worker) {
     const row_job *job = user;
     pci_skin_alternation *a = job->a;
     const pci_skin_problem *p = a->frames.problem;
+    const pci_skin_quadratic *q = &a->quadratic;
     const size_t slots = p->slots;
-    for (size_t v = begin; v < end; ++v) {
+    for (size_t m = pci_skin_group_begin(q, begin); m < pci_skin_group_begin(q, end); ++m) {
+        const size_t v = q->members[m];
         double gradient[PCI_SKIN_SLOTS_MAX], resisted[PCI_SKIN_SLOTS_MAX] = {0};
         pci_skin_frames_row(&a->frames, v, gradient);
         if (a->gram->noise > 0.0) {
-            resist_noise(a, v, slots, p->bones, job->weights, &a->pulls[worker * p->proxy_count],
+            resist_noise(a, m, slots, p->bones, job->weights, &a->pulls[worker * p->proxy_count],
                          resisted);
         }
         if (a->frames.data.columns == 1) {
@@ -107,12 +112,14 @@ static void find_constants(void *user, size_t begin, size_t end, uint32_t worker
     const row_job *job = user;
     pci_skin_alternation *a = job->a;
     const pci_skin_problem *p = a->frames.problem;
+    const pci_skin_quadratic *q = &a->quadratic;
     const pc_skin *b = a->followed;
     const size_t slots = p->slots, count = b->influences, columns = a->frames.data.columns;
-    for (size_t v = begin; v < end; ++v) {
+    for (size_t m = pci_skin_group_begin(q, begin); m < pci_skin_group_begin(q, end); ++m) {
+        const size_t v = q->members[m];
         double resisted[PCI_SKIN_SLOTS_MAX] = {0};
         if (a->gram->noise > 0.0) {
-            resist_noise(a, v, count, b->bones, b->weights, &a->pulls[worker * p->proxy_count],
+            resist_noise(a, m, count, b->bones, b->weights, &a->pulls[worker * p->proxy_count],
                          resisted);
         }
         for (size_t k = v * slots; k < (v + 1) * slots; ++k) {
@@ -135,8 +142,7 @@ static void use_level(pci_skin_alternation *a, pci_skin_level level) {
         pci_skin_quadratic_use(&a->quadratic, a->frames.problem->slots);
         if (a->followed != NULL) {
             row_job job = {.a = a};
-            pci_parallel_for(a->frames.context, a->frames.problem->vertex_count, 256,
-                             find_constants, &job);
+            pci_parallel_for(a->frames.context, a->quadratic.group_count, 4, find_constants, &job);
         }
     }
 }
@@ -160,7 +166,7 @@ static bool find_gradient(pci_skin_alternation *a, pci_skin_level level, double 
         return false;
     }
     row_job rows = {.a = a, .weights = weights};
-    pci_parallel_for(w->context, w->problem->vertex_count, 256, finish_gradient, &rows);
+    pci_parallel_for(w->context, a->quadratic.group_count, 4, finish_gradient, &rows);
     ++a->rounds;
     if (measures != NULL) {
         add_measures(a, level, measures);
@@ -274,7 +280,7 @@ pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, dou
     const uint32_t most = rough ? rounds : (uint32_t)(sample_rounds * rounds);
     bool sampled = a->gram->levels[PCI_SKIN_SAMPLE].stride > 1, same_frames = false;
     row_job job = {.a = a, .weights = weights};
-    double lowered = 0.0, slope = 0.0; // of the last round's step, before it
+    double slope = 0.0; // of the last round's step, before it
     for (uint32_t round = 0; round < rounds; ++round) {
         const double share = (double)round / (double)rounds;
         if (sampled && round >= most) {
@@ -293,9 +299,9 @@ pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, dou
         // A quadratic function falls by half of what the gradient says on the way to its minimum.
         slope = slope_of_step(a);
         const double fall = -0.5 * slope;
-        lowered += fall;
+        a->lowered += fall;
         same_frames = true;
-        if (fall <= tolerance * lowered) {
+        if (fall <= tolerance * a->lowered) {
             if (!sampled || rough) {
                 break;
             }

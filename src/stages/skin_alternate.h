@@ -30,6 +30,7 @@ typedef struct pci_skin_alternation {
     float *moved;                // #V by slots: since the gradient was found
     pci_skin_measures *measures; // #patches
     uint32_t rounds;             // so far
+    double lowered;              // the energy, by all of them
 } pci_skin_alternation;
 
 // False: out of memory.
@@ -46,7 +47,7 @@ bool pci_skin_alternation_weigh(pci_scratch *scratch, pci_skin_alternation *alte
                                 const double lambda[4], double lambda_follow);
 
 // At most `rounds` rounds of one pass over frames and some sweeps; stops when a round lowers the
-// energy by less than `tolerance` of what all rounds of this call have. Most rounds see a sample of
+// energy by less than `tolerance` of what all rounds so far have. Most rounds see a sample of
 // the frames, the last ones all unless `rough`.
 // @param[in,out] weights  in: any; slots that are not allowed are 0.
 PC_NODISCARD pc_status pci_skin_alternation_run(pci_skin_alternation *alternation, uint32_t rounds,

@@ -1,21 +1,15 @@
 #include "stages/skin_compare.h"
 
-enum {
-    STRIDE = 8,
-    MAP = 3 * PCI_SKIN_COLUMNS_MAX
-}; // frames from one that is looked at to the next
-
-typedef struct frame_sums {
-    double ways[2], strains[2]; // of the garment, of its closest points
-} frame_sums;
+enum { STRIDE = 8, MAP = 3 * PCI_SKIN_COLUMNS_MAX }; // STRIDE: frames from one to the next
 
 typedef struct compare_job {
     const pci_skin_fit *fit;
+    bool closest; // the closest points' motion is asked for, not the garment's
     double origin[3];
     double *maps;   // #workers by #P by MAP
     float *moved;   // #workers by #V by 3, displacements
     float *lengths; // of the edges of the rings to larger vertices, in order, at rest
-    frame_sums *sums;
+    pci_skin_motion_sums *sums;
 } compare_job;
 
 static void store(const double u[3], float *moved) {
@@ -54,14 +48,14 @@ static void displace_closest(const compare_job *job, size_t frame, size_t v, flo
     store(u, moved);
 }
 
-static void add_up(const compare_job *job, const float *moved, double *ways, double *strains) {
+static void add_up(const compare_job *job, const float *moved, pci_skin_motion_sums *sums) {
     const pci_skin_problem *p = &job->fit->problem;
     const float *length = job->lengths;
     for (size_t v = 0; v < p->vertex_count; ++v) {
         const double *rest = &p->rest[3 * v];
         const double u[3] = {(double)moved[3 * v], (double)moved[3 * v + 1],
                              (double)moved[3 * v + 2]};
-        *ways += pci_norm(u);
+        sums->ways += pci_norm(u);
         for (size_t e = p->ring_offsets[v]; e < p->ring_offsets[v + 1]; ++e) {
             const size_t j = p->ring[e];
             double edge[3];
@@ -71,7 +65,7 @@ static void add_up(const compare_job *job, const float *moved, double *ways, dou
             for (size_t x = 0; x < 3; ++x) {
                 edge[x] = (rest[x] - p->rest[3 * j + x]) + (u[x] - (double)moved[3 * j + x]);
             }
-            *strains += *length > 0.0f ? fabs(pci_norm(edge) / (double)*length - 1.0) : 0.0;
+            sums->strains += *length > 0.0f ? fabs(pci_norm(edge) / (double)*length - 1.0) : 0.0;
             ++length;
         }
     }
@@ -83,22 +77,31 @@ static void compare_frames(void *user, size_t begin, size_t end, uint32_t worker
     double *maps = &job->maps[MAP * p->proxy_count * worker];
     float *moved = &job->moved[3 * p->vertex_count * worker];
     for (size_t i = begin; i < end; ++i) {
-        frame_sums *sums = &job->sums[i];
-        for (size_t b = 0; b < p->proxy_count; ++b) {
+        for (size_t b = 0; b < p->proxy_count && !job->closest; ++b) {
             pci_skin_bone_map(p, job->origin, STRIDE * i, b, &maps[MAP * b]);
         }
         for (size_t v = 0; v < p->vertex_count; ++v) {
-            displace(job, maps, v, &moved[3 * v]);
+            if (job->closest) {
+                displace_closest(job, STRIDE * i, v, &moved[3 * v]);
+            } else {
+                displace(job, maps, v, &moved[3 * v]);
+            }
         }
-        add_up(job, moved, &sums->ways[0], &sums->strains[0]);
-        for (size_t v = 0; v < p->vertex_count; ++v) {
-            displace_closest(job, STRIDE * i, v, &moved[3 * v]);
-        }
-        add_up(job, moved, &sums->ways[1], &sums->strains[1]);
+        add_up(job, moved, &job->sums[i]);
     }
 }
 
-bool pci_skin_compare(const pci_skin_fit *f, pci_skin_ratios *ratios) {
+static void compare(compare_job *job, size_t frames, bool closest, pci_skin_motion_sums *total) {
+    job->closest = closest;
+    memset(job->sums, 0, frames * sizeof(*job->sums));
+    pci_parallel_for(job->fit->context, frames, 1, compare_frames, job);
+    for (size_t i = 0; i < frames; ++i) {
+        total->ways += job->sums[i].ways;
+        total->strains += job->sums[i].strains;
+    }
+}
+
+bool pci_skin_compare(pci_skin_fit *f, pci_skin_ratios *ratios) {
     const pci_skin_problem *p = &f->problem;
     const size_t frames = (p->frame_count + STRIDE - 1) / STRIDE;
     const size_t workers = pc_context_threads(f->context), edges = p->ring_offsets[p->vertex_count];
@@ -107,10 +110,10 @@ bool pci_skin_compare(const pci_skin_fit *f, pci_skin_ratios *ratios) {
                        .maps = PCI_SCRATCH(&scratch, double, MAP * p->proxy_count * workers),
                        .moved = PCI_SCRATCH(&scratch, float, 3 * p->vertex_count * workers),
                        .lengths = PCI_SCRATCH(&scratch, float, edges / 2),
-                       .sums = PCI_SCRATCH(&scratch, frame_sums, frames)};
+                       .sums = PCI_SCRATCH(&scratch, pci_skin_motion_sums, frames)};
     const bool good = !scratch.failed;
     if (good) {
-        frame_sums total = {0};
+        pci_skin_motion_sums garment = {0};
         (void)pci_skin_extent(p, job.origin);
         float *length = job.lengths;
         for (size_t v = 0; v < p->vertex_count; ++v) {
@@ -121,15 +124,13 @@ bool pci_skin_compare(const pci_skin_fit *f, pci_skin_ratios *ratios) {
                 }
             }
         }
-        pci_parallel_for(f->context, frames, 1, compare_frames, &job);
-        for (size_t i = 0; i < frames; ++i) {
-            for (size_t k = 0; k < 2; ++k) {
-                total.ways[k] += job.sums[i].ways[k];
-                total.strains[k] += job.sums[i].strains[k];
-            }
+        compare(&job, frames, false, &garment);
+        if (f->closest_motion.ways == 0.0) {
+            compare(&job, frames, true, &f->closest_motion);
         }
-        ratios->motion = total.ways[1] > 0.0 ? total.ways[0] / total.ways[1] : 1.0;
-        ratios->strain = total.strains[1] > 0.0 ? total.strains[0] / total.strains[1] : 1.0;
+        const pci_skin_motion_sums *closest = &f->closest_motion;
+        ratios->motion = closest->ways > 0.0 ? garment.ways / closest->ways : 1.0;
+        ratios->strain = closest->strains > 0.0 ? garment.strains / closest->strains : 1.0;
     }
     pci_scratch_end(&scratch);
     return good;

@@ -11,6 +11,6 @@ typedef struct pci_skin_ratios {
 } pci_skin_ratios;
 
 // From some of the frames, for the weights of the fit, rows that sum to 1. False: out of memory.
-bool pci_skin_compare(const pci_skin_fit *fit, pci_skin_ratios *ratios);
+bool pci_skin_compare(pci_skin_fit *fit, pci_skin_ratios *ratios);
 
 #endif

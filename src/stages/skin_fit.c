@@ -9,32 +9,27 @@
 
 static const char stage[] = "skin";
 
-enum { PHASES_MAX = 5, FOLLOWED_INFLUENCES = 8 };
-// Ends of the first phase and of the last but one; shares of the rounds.
-static const double first_end = 0.15, last_begin = 0.6;
+enum { PHASES = 3, FOLLOWED_INFLUENCES = 8 };
+// Ends of the first two phases; shares of the rounds.
+static const double first_end = 0.15, second_end = 0.6;
 static const double rigid_share = 0.7; // more of its L_r left: L_c gets less weight
 
 static const double held_share = 1e-6; // barycentric coordinates below count as 0
 static const double growth = 2.0;      // of lambda_follow and lambda_stretch, where they adapt
 enum { LEAST_VERTICES = 500 };         // problems of fewer have no smaller one
 
-// What a row keeps in each phase, from all candidates to K.
+// What a row keeps in each phase: all candidates, then half of what is too much, then K. Shorter
+// steps would gain nothing.
 typedef struct course {
-    uint32_t count;
-    uint32_t widths[PHASES_MAX];
-    double ends[PHASES_MAX]; // shares of the epochs or rounds
+    uint32_t widths[PHASES];
+    double ends[PHASES]; // shares of the epochs or rounds
 } course;
 
-// `first`, `last`: ends of the first phase and of the last but one.
-static course plan_course(const pci_skin_fit *f, uint32_t count, double first, double last) {
+static course plan_course(const pci_skin_fit *f, double first, double second) {
     const uint32_t slots = f->problem.slots, influences = f->options->influences;
     const uint32_t surplus = influences < slots ? slots - influences : 0;
-    course c = {.count = count};
-    for (uint32_t i = 0; i < count; ++i) {
-        c.widths[i] = slots - surplus * i / (count - 1);
-        c.ends[i] = first + (last - first) * (double)i / (double)(count - 2);
-    }
-    c.ends[count - 1] = 1.0;
+    const course c = {.widths = {slots, slots - surplus / 2, slots - surplus},
+                      .ends = {first, second, 1.0}};
     return c;
 }
 
@@ -144,7 +139,7 @@ static pc_status descend(const pci_skin_fit *f, const course *c, uint32_t phase)
         .weight_decay = o->weight_decay,
         // The loss is a mean over the vertices; so is the scale of its gradient.
         .epsilon = 1e-8 / (double)f->problem.vertex_count,
-        .decay = phase + 1 == c->count,
+        .decay = phase + 1 == PHASES,
         .seed = o->seed,
         .progress_begin = phase_begin(c, phase),
         .progress_end = c->ends[phase],
@@ -167,19 +162,19 @@ static pc_status measure_surrogate(pci_scratch *scratch, const pci_skin_fit *f,
 }
 
 pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *f, pc_skin_report *r) {
-    const course c = plan_course(f, 3, 0.4, 0.6);
+    const course c = plan_course(f, 0.4, 0.6);
     pci_skin_measures measures = {0};
     pc_status status = measure_surrogate(scratch, f, &measures);
     report_before(f, &measures, r);
     balance(f, &measures);
-    for (uint32_t phase = 0; phase < c.count && status == PC_OK; ++phase) {
+    for (uint32_t phase = 0; phase < PHASES && status == PC_OK; ++phase) {
         if (c.widths[phase] < f->problem.slots) {
             status = cut(scratch, f, c.widths[phase]);
         }
         if (status == PC_OK) {
             status = descend(f, &c, phase);
         }
-        if (status == PC_OK && phase + 1 < c.count) {
+        if (status == PC_OK && phase + 1 < PHASES) {
             double losses[3];
             status = measure_surrogate(scratch, f, &measures);
             const double total = normalize_losses(f, f->paper_norms, &measures, losses);
@@ -411,9 +406,9 @@ static pc_status solve_coarse(pci_scratch *scratch, pci_skin_fit *c, pci_skin_gr
                : status;
 }
 
-// What is decided whenever slots are taken away: whether the garment moves enough and stretches
-// little enough; and the first and the last time, whether its layers can be held together.
-// `measures`: of these weights.
+// What is decided before slots are taken away for the first time and whenever they were: whether
+// the garment moves enough and stretches little enough; and, where `balancing`, whether its layers
+// can be held together. `measures`: of these weights.
 static pc_status decide(pci_scratch *scratch, pci_skin_fit *f, pci_skin_alternation *a,
                         bool balancing, const pci_skin_measures *measures) {
     bool adapted = false;
@@ -436,26 +431,29 @@ static pc_status narrow(pci_skin_fit *f, pci_skin_alternation *a, uint32_t kept,
 static pc_status run_phases(pci_scratch *scratch, pci_skin_fit *f, pci_skin_alternation *a,
                             uint32_t first_rounds, pc_skin_report *r) {
     const pc_skin_options *o = f->options;
-    const course c = plan_course(f, PHASES_MAX, first_end, last_begin);
+    const course c = plan_course(f, first_end, second_end);
     pc_status status = PC_OK;
-    for (uint32_t phase = 0; phase < c.count && status == PC_OK; ++phase) {
+    for (uint32_t phase = 0; phase < PHASES && status == PC_OK; ++phase) {
         pci_skin_measures measures = {0};
         if (phase == 1) {
             double losses[3];
             status = measure(f, a, PCI_SKIN_SAMPLE, &measures);
             r->full_loss = normalize_losses(f, f->paper_norms, &measures, losses);
+            if (status == PC_OK) {
+                status = decide(scratch, f, a, false, &measures);
+            }
         }
         if (phase > 0 && status == PC_OK) {
             // The pass over frames before slots are taken away also measures.
             status = narrow(f, a, c.widths[phase], &measures);
         }
         if (phase > 0 && status == PC_OK) {
-            status = decide(scratch, f, a, phase == 1 || phase + 1 == c.count, &measures);
+            status = decide(scratch, f, a, true, &measures);
         }
         if (status == PC_OK) {
             status = pci_skin_alternation_run(
                 a, phase == 0 ? first_rounds : phase_share(&c, o->rounds, phase), o->round_gain,
-                phase + 1 < c.count, phase_begin(&c, phase), c.ends[phase], f->weights);
+                phase + 1 < PHASES, phase_begin(&c, phase), c.ends[phase], f->weights);
         }
     }
     return status;

@@ -8,6 +8,12 @@
 
 enum { PCI_SKIN_CANDIDATES_MAX = 32 };
 
+// Over vertices and edges and some of the frames.
+typedef struct pci_skin_motion_sums {
+    double ways;    // distances from rest
+    double strains; // relative changes of lengths
+} pci_skin_motion_sums;
+
 typedef struct pci_skin_fit {
     pc_context *context;
     const pc_skin_options *options;
@@ -23,6 +29,8 @@ typedef struct pci_skin_fit {
     double spatial_share;  // of lambda_c and lambda_a that is used
     double follow_share;   // of lambda_f that is used, 1 or more
     double stretch_share;  // of lambda_s that is used, 1 or more
+
+    pci_skin_motion_sums closest_motion; // of the closest points, once pci_skin_compare has run
 } pci_skin_fit;
 
 // What L_f follows, the mean of two: closest points make the garment move as much as its proxy and

@@ -5,7 +5,7 @@
 #include "stages/skin_frames.h"
 #include "stages/skin_simplex.h"
 
-enum { GROUP = 64, GRAIN = 1 }; // vertices that one thread visits in turn; groups per piece
+enum { GRAIN = 1 }; // groups per piece
 
 static const double ridge_share = 1e-9; // of the trace of a block, keeps it definite
 
@@ -15,21 +15,22 @@ double pci_skin_ring_scale(const double scale[4]) {
 
 // ---- the matrix M -------------------------------------------------------------------------------
 
+// A row of M / 2 while it is made, the diagonal first.
 typedef struct row_builder {
-    double *values; // #V
-    uint32_t *marks;
+    const double *scale; // of the losses
+    uint32_t *places;    // #V: 1 + place in the row, or 0
     uint32_t *columns;
-    size_t count;
-    uint32_t row;
+    double *values;
+    uint32_t count;
 } row_builder;
 
 static void add_entry(row_builder *b, uint32_t column, double value) {
-    if (b->marks[column] != b->row + 1) {
-        b->marks[column] = b->row + 1;
-        b->values[column] = 0.0;
-        b->columns[b->count++] = column;
+    if (b->places[column] == 0) {
+        b->columns[b->count] = column;
+        b->values[b->count] = 0.0;
+        b->places[column] = ++b->count;
     }
-    b->values[column] += value;
+    b->values[b->places[column] - 1] += value;
 }
 
 // K(j) lists by their member i.
@@ -57,135 +58,203 @@ static bool build_incoming(pci_scratch *scratch, const pci_skin_problem *p, inco
     return true;
 }
 
-static void add_spring(row_builder *b, uint32_t i, uint32_t j, double value) {
-    add_entry(b, j, -value);
-    b->values[i] += value;
+static void add_spring(row_builder *b, uint32_t column, double value) {
+    add_entry(b, column, -value);
+    b->values[0] += value;
 }
 
-// Row i of M / 2.
-static void build_row(const pci_skin_problem *p, const incoming_lists *in, const double scale[4],
-                      uint32_t i, row_builder *b) {
+// Of L_c and L_a, between the vertex i and its neighbour near[e].
+static double near_spring(const pci_skin_problem *p, const double scale[4], size_t i, size_t e) {
+    return scale[1] * pci_skin_stiffness(p, i, p->near[e]) +
+           scale[2] * pci_skin_near_weight(p, i, e);
+}
+
+static void build_row(const pci_skin_problem *p, const incoming_lists *in, uint32_t i,
+                      double diagonal, row_builder *b) {
     const size_t k = p->near_count;
-    const double ring = pci_skin_ring_scale(scale);
-    b->row = i;
+    const double ring = pci_skin_ring_scale(b->scale);
     b->count = 0;
     add_entry(b, i, 0.0);
     for (size_t e = p->ring_offsets[i]; e < p->ring_offsets[i + 1]; ++e) {
-        add_spring(b, i, p->ring[e], 2.0 * ring * pci_skin_stiffness(p, i, p->ring[e]));
-    }
-    if (k == 0) {
-        return;
+        add_spring(b, p->ring[e], 2.0 * ring * pci_skin_stiffness(p, i, p->ring[e]));
     }
     for (size_t e = k * i; e < k * i + k; ++e) {
-        const uint32_t j = p->near[e];
-        add_spring(b, i, j,
-                   scale[1] * pci_skin_stiffness(p, i, j) +
-                       scale[2] * pci_skin_near_weight(p, i, e));
+        add_spring(b, p->near[e], near_spring(p, b->scale, i, e));
     }
     for (size_t s = in->offsets[i]; s < in->offsets[i + 1]; ++s) {
         const uint32_t e = in->edges[s], r = (uint32_t)(e / k);
-        add_spring(b, i, r,
-                   scale[1] * pci_skin_stiffness(p, i, r) +
-                       scale[2] * pci_skin_near_weight(p, r, e));
+        add_spring(b, r, near_spring(p, b->scale, r, e));
+    }
+    b->values[0] += diagonal;
+    for (uint32_t entry = 0; entry < b->count; ++entry) {
+        b->places[b->columns[entry]] = 0;
     }
 }
 
-// Visits all rows: counts the entries of each, or, where `q` has columns, fills them.
-static bool visit_rows(pci_scratch *scratch, const pci_skin_problem *p, const double scale[4],
-                       const double *diagonal, pci_skin_quadratic *q) {
-    const size_t nv = p->vertex_count;
-    pci_scratch local = pci_scratch_begin(scratch->context);
-    row_builder b = {.values = PCI_SCRATCH(&local, double, nv),
-                     .marks = PCI_SCRATCH(&local, uint32_t, nv),
-                     .columns = PCI_SCRATCH(&local, uint32_t, nv)};
+// ---- groups and colours -------------------------------------------------------------------------
+
+// Of one thread.
+typedef struct group_builder {
+    row_builder row;
+    uint32_t *numbers; // #V: of the vertices of the group in hand
+} group_builder;
+
+// The rows of all groups are visited twice: they are counted, then filled.
+typedef struct matrix_job {
+    const pci_skin_problem *p;
+    const double *diagonal;
+    pci_skin_quadratic *q;
     incoming_lists in;
-    const bool good = !local.failed && build_incoming(&local, p, &in);
-    for (uint32_t i = 0; i < nv && good; ++i) {
-        build_row(p, &in, scale, i, &b);
-        b.values[i] += diagonal[i];
-        for (size_t k = 0; k < b.count && q->columns != NULL; ++k) {
-            q->columns[q->offsets[i] + k] = b.columns[k];
-            q->values[q->offsets[i] + k] = (float)(2.0 * b.values[b.columns[k]]);
+    group_builder *builders; // #threads
+} matrix_job;
+
+// offsets[m + 1] and known_offsets[g + 1] become numbers of entries and of vertices.
+static void count_groups(void *user, size_t begin, size_t end, uint32_t worker) {
+    const matrix_job *job = user;
+    const pci_skin_quadratic *q = job->q;
+    group_builder *b = &job->builders[worker];
+    for (uint32_t g = (uint32_t)begin; g < end; ++g) {
+        const size_t first = pci_skin_group_begin(q, g), last = pci_skin_group_begin(q, g + 1);
+        for (size_t m = first; m < last; ++m) {
+            build_row(job->p, &job->in, q->members[m], 0.0, &b->row);
+            q->offsets[m + 1] = b->row.count;
+            for (uint32_t e = 0; e < b->row.count; ++e) {
+                uint32_t *mark = &b->numbers[b->row.columns[e]];
+                q->known_offsets[g + 1] += *mark != g + 1;
+                *mark = g + 1;
+            }
         }
-        q->offsets[i + 1] = q->offsets[i] + b.count;
+    }
+}
+
+static void number_vertex(group_builder *b, uint32_t v, uint32_t *known, uint32_t *count) {
+    if (b->numbers[v] == 0) {
+        known[*count] = v;
+        b->numbers[v] = ++*count;
+    }
+}
+
+static void fill_groups(void *user, size_t begin, size_t end, uint32_t worker) {
+    const matrix_job *job = user;
+    const pci_skin_quadratic *q = job->q;
+    group_builder *b = &job->builders[worker];
+    for (uint32_t g = (uint32_t)begin; g < end; ++g) {
+        uint32_t *known = &q->known[q->known_offsets[g]], count = 0;
+        const size_t first = pci_skin_group_begin(q, g), last = pci_skin_group_begin(q, g + 1);
+        for (size_t m = first; m < last; ++m) {
+            number_vertex(b, q->members[m], known, &count);
+        }
+        for (size_t m = first; m < last; ++m) {
+            const uint32_t v = q->members[m];
+            build_row(job->p, &job->in, v, job->diagonal[v], &b->row);
+            for (uint32_t e = 0; e < b->row.count; ++e) {
+                number_vertex(b, b->row.columns[e], known, &count);
+                q->entries[q->offsets[m] + e] = b->numbers[b->row.columns[e]] - 1;
+                q->values[q->offsets[m] + e] = (float)(2.0 * b->row.values[e]);
+            }
+        }
+        for (uint32_t i = 0; i < count; ++i) {
+            b->numbers[known[i]] = 0;
+        }
+    }
+}
+
+// Visits all rows: counts, or fills where there is room.
+static bool visit_groups(pci_scratch *scratch, const pci_skin_problem *p, const double scale[4],
+                         const double *diagonal, pci_skin_quadratic *q) {
+    const uint32_t threads = pc_context_threads(scratch->context);
+    pci_scratch local = pci_scratch_begin(scratch->context);
+    matrix_job job = {.p = p,
+                      .diagonal = diagonal,
+                      .q = q,
+                      .builders = PCI_SCRATCH(&local, group_builder, threads)};
+    bool good = !local.failed && build_incoming(&local, p, &job.in);
+    size_t longest = 0;
+    for (size_t v = 0; v < p->vertex_count && good; ++v) {
+        const size_t length = 1 + p->near_count + (p->ring_offsets[v + 1] - p->ring_offsets[v]) +
+                              (job.in.offsets[v + 1] - job.in.offsets[v]);
+        longest = length > longest ? length : longest;
+    }
+    for (uint32_t i = 0; i < threads && good; ++i) {
+        group_builder *b = &job.builders[i];
+        b->numbers = PCI_SCRATCH(&local, uint32_t, p->vertex_count);
+        b->row.places = PCI_SCRATCH(&local, uint32_t, p->vertex_count);
+        b->row.columns = PCI_SCRATCH(&local, uint32_t, longest);
+        b->row.values = PCI_SCRATCH(&local, double, longest);
+        b->row.scale = scale;
+        good = !local.failed;
+    }
+    if (good) {
+        pci_parallel_for(scratch->context, q->group_count, GRAIN,
+                         q->entries == NULL ? count_groups : fill_groups, &job);
     }
     pci_scratch_end(&local);
     return good;
 }
 
-static bool build_matrix(pci_scratch *scratch, const pci_skin_problem *p, const double scale[4],
+static void add_up_offsets(size_t count, size_t *offsets) {
+    for (size_t i = 0; i < count; ++i) {
+        offsets[i + 1] += offsets[i];
+    }
+}
+
+static bool build_groups(pci_scratch *scratch, const pci_skin_problem *p, const double scale[4],
                          const double *diagonal, pci_skin_quadratic *q) {
-    q->offsets = PCI_SCRATCH(scratch, size_t, p->vertex_count + 1);
-    if (scratch->failed || !visit_rows(scratch, p, scale, diagonal, q)) {
+    q->group_count = (uint32_t)((q->vertex_count + PCI_SKIN_GROUP - 1) / PCI_SKIN_GROUP);
+    q->members = p->order;
+    q->offsets = PCI_SCRATCH(scratch, size_t, q->vertex_count + 1);
+    q->known_offsets = PCI_SCRATCH(scratch, size_t, (size_t)q->group_count + 1);
+    if (scratch->failed || !visit_groups(scratch, p, scale, diagonal, q)) {
         return false;
     }
-    q->columns = PCI_SCRATCH(scratch, uint32_t, q->offsets[p->vertex_count]);
-    q->values = PCI_SCRATCH(scratch, float, q->offsets[p->vertex_count]);
-    return !scratch->failed && visit_rows(scratch, p, scale, diagonal, q);
+    add_up_offsets(q->vertex_count, q->offsets);
+    add_up_offsets(q->group_count, q->known_offsets);
+    q->known = PCI_SCRATCH(scratch, uint32_t, q->known_offsets[q->group_count]);
+    q->entries = PCI_SCRATCH(scratch, uint32_t, q->offsets[q->vertex_count]);
+    q->values = PCI_SCRATCH(scratch, float, q->offsets[q->vertex_count]);
+    return !scratch->failed && visit_groups(scratch, p, scale, diagonal, q);
 }
 
 bool pci_skin_quadratic_weigh(pci_scratch *scratch, const pci_skin_problem *problem,
                               const double scale[4], const double *diagonal,
                               pci_skin_quadratic *q) {
-    return visit_rows(scratch, problem, scale, diagonal, q);
-}
-
-// ---- groups and colours -------------------------------------------------------------------------
-
-// Vertices that are close in space, in groups.
-static bool build_groups(pci_scratch *scratch, const pci_skin_problem *p, pci_skin_quadratic *q) {
-    const size_t nv = p->vertex_count;
-    q->group_count = (uint32_t)((nv + GROUP - 1) / GROUP);
-    q->members = p->order;
-    q->group_offsets = PCI_SCRATCH(scratch, uint32_t, (size_t)q->group_count + 1);
-    for (size_t g = 0; g < q->group_count && q->group_offsets != NULL; ++g) {
-        q->group_offsets[g + 1] = (uint32_t)(nv - g * GROUP < GROUP ? nv : (g + 1) * GROUP);
-    }
-    return !scratch->failed;
+    return visit_groups(scratch, problem, scale, diagonal, q);
 }
 
 // Each group takes the first colour that no group it shares an entry of M with has.
 static bool colour_groups(pci_scratch *scratch, pci_skin_quadratic *q) {
-    uint32_t *group_of = PCI_SCRATCH(scratch, uint32_t, q->vertex_count);
-    uint32_t *colours = PCI_SCRATCH(scratch, uint32_t, q->group_count); // + 1; 0: none yet
-    uint32_t *taken = PCI_SCRATCH(scratch, uint32_t, (size_t)q->group_count + 2);
-    uint32_t *offsets = PCI_SCRATCH(scratch, uint32_t, (size_t)q->group_count + 2);
+    pci_scratch local = pci_scratch_begin(scratch->context);
+    uint32_t *group_of = PCI_SCRATCH(&local, uint32_t, q->vertex_count);
+    uint32_t *colours = PCI_SCRATCH(&local, uint32_t, q->group_count); // + 1; 0: none yet
+    uint32_t *taken = PCI_SCRATCH(&local, uint32_t, (size_t)q->group_count + 2);
+    q->colour_offsets = PCI_SCRATCH(scratch, uint32_t, (size_t)q->group_count + 2);
     q->groups = PCI_SCRATCH(scratch, uint32_t, q->group_count);
-    if (scratch->failed) {
-        return false;
+    const bool good = !scratch->failed && !local.failed;
+    for (size_t m = 0; m < q->vertex_count && good; ++m) {
+        group_of[q->members[m]] = (uint32_t)(m / PCI_SKIN_GROUP);
     }
-    for (uint32_t g = 0; g < q->group_count; ++g) {
-        for (uint32_t m = q->group_offsets[g]; m < q->group_offsets[g + 1]; ++m) {
-            group_of[q->members[m]] = g;
-        }
-    }
-    for (uint32_t g = 0; g < q->group_count; ++g) {
-        for (uint32_t m = q->group_offsets[g]; m < q->group_offsets[g + 1]; ++m) {
-            const uint32_t v = q->members[m];
-            for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
-                taken[colours[group_of[q->columns[e]]]] = g + 1;
-            }
+    for (uint32_t g = 0; g < q->group_count && good; ++g) {
+        for (size_t i = q->known_offsets[g]; i < q->known_offsets[g + 1]; ++i) {
+            taken[colours[group_of[q->known[i]]]] = g + 1;
         }
         uint32_t colour = 1;
         while (taken[colour] == g + 1) {
             ++colour;
         }
         colours[g] = colour;
-        ++offsets[colour];
         q->colour_count = colour > q->colour_count ? colour : q->colour_count;
     }
+    uint32_t next = 0;
     for (uint32_t c = 0; c < q->colour_count; ++c) {
-        offsets[c + 1] += offsets[c];
+        for (uint32_t g = 0; g < q->group_count; ++g) {
+            if (colours[g] == c + 1) {
+                q->groups[next++] = g;
+            }
+        }
+        q->colour_offsets[c + 1] = next;
     }
-    for (uint32_t g = 0; g < q->group_count; ++g) {
-        q->groups[offsets[colours[g] - 1]++] = g;
-    }
-    for (uint32_t c = q->colour_count; c > 0; --c) {
-        offsets[c] = offsets[c - 1];
-    }
-    offsets[0] = 0;
-    q->colour_offsets = offsets;
-    return true;
+    pci_scratch_end(&local);
+    return good;
 }
 
 static float *aligned_floats(pci_scratch *scratch, size_t count) {
@@ -195,10 +264,10 @@ static float *aligned_floats(pci_scratch *scratch, size_t count) {
 
 // Largest numbers of what a group needs.
 typedef struct group_sizes {
-    size_t rows, entries, own_bones, bones;
+    size_t rows, own_bones, bones;
 } group_sizes;
 
-// How many bones of some rows do not have this mark yet.
+// How many bones of some vertices do not have this mark yet.
 static size_t count_bones(const pci_skin_quadratic *q, const uint32_t *vertices, size_t count,
                           uint32_t mark, uint32_t *marks) {
     size_t bones = 0;
@@ -213,26 +282,17 @@ static size_t count_bones(const pci_skin_quadratic *q, const uint32_t *vertices,
 static bool find_group_sizes(pci_scratch *scratch, const pci_skin_quadratic *q,
                              group_sizes *sizes) {
     pci_scratch local = pci_scratch_begin(scratch->context);
-    uint32_t *marks = PCI_SCRATCH(&local, uint32_t, q->vertex_count);
-    uint32_t *bone_marks = PCI_SCRATCH(&local, uint32_t, q->proxy_count);
+    uint32_t *marks = PCI_SCRATCH(&local, uint32_t, q->proxy_count);
     const bool good = !local.failed;
     memset(sizes, 0, sizeof(*sizes));
     for (uint32_t g = 0; g < q->group_count && good; ++g) {
-        const uint32_t *own = &q->members[q->group_offsets[g]];
-        const size_t own_count = q->group_offsets[g + 1] - q->group_offsets[g];
-        size_t rows = 0, entries = 0, bones = count_bones(q, own, own_count, g + 1, bone_marks);
-        sizes->own_bones = bones > sizes->own_bones ? bones : sizes->own_bones;
-        for (size_t m = 0; m < own_count; ++m) {
-            const size_t begin = q->offsets[own[m]], end = q->offsets[own[m] + 1];
-            for (size_t e = begin; e < end; ++e) {
-                rows += marks[q->columns[e]] != g + 1;
-                marks[q->columns[e]] = g + 1;
-            }
-            entries += end - begin;
-            bones += count_bones(q, &q->columns[begin], end - begin, g + 1, bone_marks);
-        }
+        const uint32_t *known = &q->known[q->known_offsets[g]];
+        const size_t own = pci_skin_group_begin(q, g + 1) - pci_skin_group_begin(q, g);
+        const size_t rows = q->known_offsets[g + 1] - q->known_offsets[g];
+        const size_t own_bones = count_bones(q, known, own, g + 1, marks);
+        const size_t bones = own_bones + count_bones(q, &known[own], rows - own, g + 1, marks);
         sizes->rows = rows > sizes->rows ? rows : sizes->rows;
-        sizes->entries = entries > sizes->entries ? entries : sizes->entries;
+        sizes->own_bones = own_bones > sizes->own_bones ? own_bones : sizes->own_bones;
         sizes->bones = bones > sizes->bones ? bones : sizes->bones;
     }
     pci_scratch_end(&local);
@@ -254,12 +314,8 @@ static bool build_loaded(pci_scratch *scratch, pci_skin_quadratic *q) {
     const size_t stride = row_stride(q, sizes.bones), width = q->width * sizes.own_bones;
     for (uint32_t i = 0; i < threads; ++i) {
         pci_skin_group *g = &q->loaded[i];
-        g->row_numbers = PCI_SCRATCH(scratch, uint32_t, q->vertex_count);
         g->bone_numbers = PCI_SCRATCH(scratch, uint32_t, q->proxy_count);
-        g->vertices = PCI_SCRATCH(scratch, uint32_t, sizes.rows);
-        g->entries = PCI_SCRATCH(scratch, uint32_t, sizes.entries);
-        g->entry_offsets = PCI_SCRATCH(scratch, uint32_t, GROUP);
-        g->places = PCI_SCRATCH(scratch, uint32_t, (size_t)GROUP * q->slots);
+        g->places = PCI_SCRATCH(scratch, uint32_t, (size_t)PCI_SKIN_GROUP * q->slots);
         g->bones = PCI_SCRATCH(scratch, uint32_t, sizes.bones);
         g->moves = PCI_SCRATCH(scratch, pci_skin_move, sizes.rows * q->slots);
         g->moved = aligned_floats(scratch, sizes.rows * stride);
@@ -296,9 +352,8 @@ bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *prob
     q->allowed = allowed;
     q->faces = PCI_SCRATCH(scratch, uint32_t, q->vertex_count);
     q->inverses = PCI_SCRATCH(scratch, float, q->vertex_count *kept_size(q));
-    return !scratch->failed && build_matrix(scratch, problem, scale, diagonal, q) &&
-           build_groups(scratch, problem, q) && colour_groups(scratch, q) &&
-           build_loaded(scratch, q);
+    return !scratch->failed && build_groups(scratch, problem, scale, diagonal, q) &&
+           colour_groups(scratch, q) && build_loaded(scratch, q);
 }
 
 void pci_skin_quadratic_use(pci_skin_quadratic *q, uint32_t slots) {
@@ -326,39 +381,26 @@ static void number_bone(pci_skin_group *g, uint32_t bone) {
     }
 }
 
-static void number_row(pci_skin_group *g, uint32_t v) {
-    if (g->row_numbers[v] == 0) {
-        g->vertices[g->row_count] = v;
-        g->row_numbers[v] = ++g->row_count;
-    }
-}
-
-// Numbers the rows that a group needs, its own first; and the bones: those that its own rows may
-// use, then those along which any row has moved.
-static void number_group(const sweep_job *job, size_t first, size_t last, pci_skin_group *g) {
+// Numbers the bones of a group: those that its own rows may use, then those along which any row has
+// moved.
+static void number_bones(const sweep_job *job, uint32_t group, pci_skin_group *g) {
     const pci_skin_quadratic *q = job->q;
-    size_t entry = 0;
-    g->row_count = g->bone_count = 0;
-    for (size_t m = first; m < last; ++m) {
-        const uint32_t v = q->members[m];
-        number_row(g, v);
+    g->first = pci_skin_group_begin(q, group);
+    g->own_count = (uint32_t)(pci_skin_group_begin(q, (size_t)group + 1) - g->first);
+    g->vertices = &q->known[q->known_offsets[group]];
+    g->row_count = (uint32_t)(q->known_offsets[group + 1] - q->known_offsets[group]);
+    g->bone_count = 0;
+    for (size_t row = 0; row < g->own_count; ++row) {
+        const size_t v = g->vertices[row];
         for (uint32_t k = 0; k < q->slots; ++k) {
             if (q->allowed[v] >> k & 1) {
-                number_bone(g, q->bones[(size_t)v * q->slots + k]);
-                g->places[(m - first) * q->slots + k] =
-                    g->bone_numbers[q->bones[(size_t)v * q->slots + k]] - 1;
+                const uint32_t bone = q->bones[v * q->slots + k];
+                number_bone(g, bone);
+                g->places[row * q->slots + k] = g->bone_numbers[bone] - 1;
             }
         }
     }
     g->own_bone_count = g->bone_count;
-    for (size_t m = first; m < last; ++m) {
-        const uint32_t v = q->members[m];
-        g->entry_offsets[m - first] = (uint32_t)entry;
-        for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
-            number_row(g, q->columns[e]);
-            g->entries[entry++] = g->row_numbers[q->columns[e]] - 1;
-        }
-    }
     g->move_count = 0;
     for (uint32_t row = 0; row < g->row_count; ++row) {
         const size_t begin = q->slots * (size_t)g->vertices[row];
@@ -408,7 +450,7 @@ static void load_gram(const pci_skin_quadratic *q, pci_skin_group *g) {
 
 static void load_group(const sweep_job *job, uint32_t group, pci_skin_group *g) {
     const pci_skin_quadratic *q = job->q;
-    number_group(job, q->group_offsets[group], q->group_offsets[group + 1], g);
+    number_bones(job, group, g);
     load_moves(q, g);
     load_gram(q, g);
     for (size_t b = 0; b < g->bone_count; ++b) {
@@ -451,11 +493,10 @@ fill_matrix(const pci_skin_quadratic *q, const pci_skin_group *g, const size_t w
 }
 
 static inline __attribute__((always_inline)) void extract_row(const sweep_job *job, size_t row,
-                                                              const uint32_t *entries,
                                                               const pci_skin_group *g,
                                                               const size_t width, row_program *r) {
     const pci_skin_quadratic *q = job->q;
-    const size_t v = g->vertices[row], first = q->offsets[v];
+    const size_t v = g->vertices[row], first = q->offsets[g->first + row];
     const double *x = &q->points[v * width];
     uint32_t numbers[PCI_SKIN_SLOTS_MAX * PCI_SKIN_COLUMNS_MAX];
     float products[PCI_SKIN_SLOTS_MAX * PCI_SKIN_COLUMNS_MAX];
@@ -475,8 +516,8 @@ static inline __attribute__((always_inline)) void extract_row(const sweep_job *j
     const pci_skin_rows rows = {.stride = g->stride,
                                 .moved = g->moved,
                                 .gram = g->gram,
-                                .entry_count = q->offsets[v + 1] - first,
-                                .entries = entries,
+                                .entry_count = q->offsets[g->first + row + 1] - first,
+                                .entries = &q->entries[first],
                                 .values = &q->values[first]};
     q->kernel->multiply_rows(&rows, width * r->count, numbers, g->sum, products);
     for (uint32_t i = 0; i < r->count; ++i) {
@@ -594,17 +635,17 @@ static inline __attribute__((always_inline)) bool minimize_on_face(const sweep_j
                                                                    const size_t width, size_t row,
                                                                    row_program *r) {
     const pci_skin_quadratic *q = job->q;
-    const size_t v = g->vertices[row];
-    float *inverse = &q->inverses[v * kept_size(q)];
+    const size_t member = g->first + row;
+    float *inverse = &q->inverses[member * kept_size(q)];
     double step[PCI_SKIN_SLOTS_MAX];
     row_face face;
     find_face(r, &face);
     if (face.count == 0 || face.count > KEPT_SLOTS) {
         return false;
     }
-    if (q->faces[v] != face.bits) {
+    if (q->faces[member] != face.bits) {
         find_inverse(q, g, width, row, &face, inverse);
-        q->faces[v] = face.bits;
+        q->faces[member] = face.bits;
     }
     if (!step_on_face(&face, inverse, r, step)) {
         return false;
@@ -671,16 +712,14 @@ static void move_slot(const sweep_job *job, size_t row, uint32_t slot, double we
     }
 }
 
-static inline __attribute__((always_inline)) void minimize_row(const sweep_job *job, size_t row,
-                                                               const uint32_t *entries,
-                                                               const size_t width,
-                                                               pci_skin_group *g) {
+static inline __attribute__((always_inline)) void
+minimize_row(const sweep_job *job, size_t row, const size_t width, pci_skin_group *g) {
     const size_t v = g->vertices[row];
     row_program r;
     if (job->q->allowed[v] == 0) {
         return;
     }
-    extract_row(job, row, entries, g, width, &r);
+    extract_row(job, row, g, width, &r);
     if (job->kept > 0 || !minimize_on_face(job, g, width, row, &r)) {
         r.ridge = fill_matrix(job->q, g, width, row, r.diagonal, r.count, r.places, r.a);
         pci_simplex_minimize(r.count, r.a, r.ridge, r.weights, r.gradient);
@@ -703,48 +742,37 @@ static inline void fetch(const void *memory, size_t size) {
     }
 }
 
-// Rows that follow one another are far apart in memory.
+// Rows that follow one another are far apart in arrays by vertex.
 static void fetch_row(const sweep_job *job, size_t v) {
-    const pci_skin_quadratic *q = job->q;
-    const size_t first = v * q->slots, triangle = kept_size(q);
-    const size_t entries = q->offsets[v + 1] - q->offsets[v];
-    fetch(&q->values[q->offsets[v]], entries * sizeof(*q->values));
-    fetch(&q->inverses[v * triangle], triangle * sizeof(*q->inverses));
-    fetch(&job->weights[first], q->slots * sizeof(*job->weights));
-    fetch(&job->gradient[first], q->slots * sizeof(*job->gradient));
-    fetch(&job->moved[first], q->slots * sizeof(*job->moved));
+    const size_t slots = job->q->slots, first = v * slots;
+    fetch(&job->weights[first], slots * sizeof(*job->weights));
+    fetch(&job->gradient[first], slots * sizeof(*job->gradient));
+    fetch(&job->moved[first], slots * sizeof(*job->moved));
 }
 
 // Visits the rows of a group in order, or from the last to the first.
-static void visit_group(const sweep_job *job, size_t count, bool backward, pci_skin_group *g) {
-    for (size_t m = 0; m < count; ++m) {
-        const size_t row = backward ? count - 1 - m : m;
-        const uint32_t *entries = &g->entries[g->entry_offsets[row]];
-        if (m + 1 < count) {
+static void visit_group(const sweep_job *job, bool backward, pci_skin_group *g) {
+    for (size_t m = 0; m < g->own_count; ++m) {
+        const size_t row = backward ? g->own_count - 1 - m : m;
+        if (m + 1 < g->own_count) {
             fetch_row(job, g->vertices[backward ? row - 1 : row + 1]);
         }
         if (job->q->width == 1) {
-            minimize_row(job, row, entries, 1, g);
+            minimize_row(job, row, 1, g);
         } else {
-            minimize_row(job, row, entries, PCI_SKIN_COLUMNS_MAX, g);
+            minimize_row(job, row, PCI_SKIN_COLUMNS_MAX, g);
         }
     }
 }
 
 static void sweep_groups(void *user, size_t begin, size_t end, uint32_t worker) {
     const sweep_job *job = user;
-    const pci_skin_quadratic *q = job->q;
-    pci_skin_group *g = &q->loaded[worker];
+    pci_skin_group *g = &job->q->loaded[worker];
     for (size_t i = begin; i < end; ++i) {
-        const uint32_t group = job->groups[i];
-        const size_t count = q->group_offsets[group + 1] - q->group_offsets[group];
-        load_group(job, group, g);
-        visit_group(job, count, false, g);
+        load_group(job, job->groups[i], g);
+        visit_group(job, false, g);
         if (job->kept == 0) {
-            visit_group(job, count, true, g);
-        }
-        for (size_t r = 0; r < g->row_count; ++r) {
-            g->row_numbers[g->vertices[r]] = 0;
+            visit_group(job, true, g);
         }
     }
 }

@@ -18,6 +18,8 @@
 // With half of the bound or more, sweeps still converge.
 double pci_skin_ring_scale(const double scale[4]);
 
+enum { PCI_SKIN_GROUP = 64 }; // vertices that one thread visits in turn
+
 typedef struct pci_skin_move {
     uint32_t row, bone;
     float step; // w - w0
@@ -25,15 +27,15 @@ typedef struct pci_skin_move {
 
 // What the vertices of one group need, close together in memory.
 typedef struct pci_skin_group {
-    uint32_t row_count, own_bone_count, bone_count;
-    size_t stride;           // numbers per row: width by #bones, filled up
-    uint32_t *row_numbers;   // #V: 1 + number of the row, or 0
-    uint32_t *bone_numbers;  // #P: likewise, while the group is loaded
-    uint32_t *vertices;      // #rows, those of the group first
-    uint32_t *entry_offsets; // #rows of the group
-    uint32_t *entries;       // of M in the rows of the group: numbers of the rows
-    uint32_t *places;        // slots of the rows of the group: numbers of the bones
-    uint32_t *bones;         // #bones, those of the group first
+    size_t first;             // into members
+    uint32_t own_count;       // rows of the group
+    uint32_t row_count;       // and of all vertices that it knows
+    const uint32_t *vertices; // #rows, those of the group first
+    uint32_t own_bone_count, bone_count;
+    size_t stride;          // numbers per row: width by #bones, filled up
+    uint32_t *bone_numbers; // #P: 1 + number of the bone, or 0, while the group is loaded
+    uint32_t *places;       // slots of the rows of the group: numbers of the bones
+    uint32_t *bones;        // #bones, those of the group first
     size_t move_count;
     pci_skin_move *moves; // slots of all rows that have moved when the group is loaded
     float *moved;         // #rows by stride: (w - w0) x^ of each bone
@@ -50,23 +52,30 @@ typedef struct pci_skin_quadratic {
     uint32_t width;         // numbers of x^
     const uint32_t *bones;  // #V by slots
     const double *points;   // #V by width: x^
-    size_t *offsets;        // #V + 1: rows of M, the diagonal is the first entry
-    uint32_t *columns;
+    // Vertices in groups; groups of one colour share no entry of M.
+    const uint32_t *members; // #V
+    uint32_t group_count, colour_count;
+    uint32_t *colour_offsets; // #colours + 1, into groups
+    uint32_t *groups;         // #groups, by colour
+    size_t *known_offsets;    // #groups + 1
+    uint32_t *known;          // the vertices of each group in order, then their neighbours
+    size_t *offsets;          // #V + 1: rows of M by member, the diagonal is the first entry
+    uint32_t *entries;        // places among the vertices that the group knows
     float *values;
     const double *gram;      // G, #P width by #P width
     const uint32_t *allowed; // #V, bit k: slot k may have weight
     // Where a row lies on the face of the free slots, its gradient g moves it by -Z g / M_ii to the
     // minimum there. Z (pci_simplex_invert of x^T G x) stays as long as the face and G do.
-    uint32_t *faces; // #V, bits of the free slots that Z is for, 0: none
-    float *inverses; // #V by a triangle: Z over the free slots, of faces that are not too large
-    // Vertices in groups; groups of one colour share no entry of M.
-    uint32_t group_count, colour_count;
-    uint32_t *group_offsets;  // #groups + 1, into members
-    const uint32_t *members;  // #V
-    uint32_t *colour_offsets; // #colours + 1, into groups
-    uint32_t *groups;         // #groups, by colour
-    pci_skin_group *loaded;   // #threads
+    uint32_t *faces; // by member, bits of the free slots that Z is for, 0: none
+    float *inverses; // by member a triangle: Z over the free slots, of faces that are not too large
+    pci_skin_group *loaded; // #threads
 } pci_skin_quadratic;
+
+// The first member of a group, or #V behind the last group.
+static inline size_t pci_skin_group_begin(const pci_skin_quadratic *quadratic, size_t group) {
+    const size_t begin = PCI_SKIN_GROUP * group;
+    return begin < quadratic->vertex_count ? begin : quadratic->vertex_count;
+}
 
 // `scale`: factors of the losses; `diagonal` (#V): what else M / 2 has there. `points`, `gram` and
 // `allowed` stay the caller's. False: out of memory.

@@ -178,6 +178,11 @@ static void close_solver(solver *s) {
     free_fixture(&s->f);
 }
 
+// The vertex of an entry of M in the row of a member.
+static size_t column(const pci_skin_quadratic *q, size_t member, size_t entry) {
+    return q->known[q->known_offsets[member / PCI_SKIN_GROUP] + q->entries[entry]];
+}
+
 // u^T M u = 2 (sum of the squared differences of each term, of L_a those that bound it), for random
 // u. M is kept in single precision.
 static void the_matrix_is_that_of_the_losses(void **state) {
@@ -196,10 +201,11 @@ static void the_matrix_is_that_of_the_losses(void **state) {
         for (size_t v = 0; v < nv; ++v) {
             u[v] = pci_random(seed, 0, v) - 0.5;
         }
-        for (size_t v = 0; v < nv; ++v) {
-            assert_int_equal(q->columns[q->offsets[v]], v);
-            for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
-                form += u[v] * (double)q->values[e] * u[q->columns[e]];
+        for (size_t m = 0; m < nv; ++m) {
+            const size_t v = q->members[m];
+            assert_int_equal(column(q, m, q->offsets[m]), v);
+            for (size_t e = q->offsets[m]; e < q->offsets[m + 1]; ++e) {
+                form += u[v] * (double)q->values[e] * u[column(q, m, e)];
             }
             double attached = u[v];
             for (size_t e = p->ring_offsets[v]; e < p->ring_offsets[v + 1]; ++e) {
@@ -234,7 +240,7 @@ static void groups_of_one_colour_share_nothing(void **state) {
     for (uint32_t c = 0; c < q->colour_count; ++c) {
         for (uint32_t i = q->colour_offsets[c]; i < q->colour_offsets[c + 1]; ++i) {
             const uint32_t g = q->groups[i];
-            for (uint32_t m = q->group_offsets[g]; m < q->group_offsets[g + 1]; ++m) {
+            for (size_t m = pci_skin_group_begin(q, g); m < pci_skin_group_begin(q, g + 1); ++m) {
                 assert_int_equal(colour[q->members[m]], 0); // each vertex once
                 colour[q->members[m]] = c + 1;
                 group[q->members[m]] = g;
@@ -243,9 +249,10 @@ static void groups_of_one_colour_share_nothing(void **state) {
         }
     }
     assert_int_equal(members, nv);
-    for (size_t v = 0; v < nv; ++v) {
-        for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
-            const size_t j = q->columns[e];
+    for (size_t m = 0; m < nv; ++m) {
+        const size_t v = q->members[m];
+        for (size_t e = q->offsets[m]; e < q->offsets[m + 1]; ++e) {
+            const size_t j = column(q, m, e);
             assert_true(group[v] == group[j] || colour[v] != colour[j]);
         }
     }
@@ -355,11 +362,12 @@ static void noise_pulls_as_its_energy_says(void **state) {
     }
     assert_true(noise > 0.0 && plain.gram.noise == 0.0);
     memcpy(w, noisy.f.weights, count * sizeof(double));
-    for (size_t v = 0; v < p->vertex_count; ++v) {
+    for (size_t r = 0; r < p->vertex_count; ++r) {
+        const size_t v = q->members[r];
         const double follow = 2.0 * noisy.a.follow[v];
         memset(pull, 0, p->proxy_count * sizeof(double));
-        for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
-            const size_t j = q->columns[e];
+        for (size_t e = q->offsets[r]; e < q->offsets[r + 1]; ++e) {
+            const size_t j = column(q, r, e);
             const double m = (double)q->values[e];
             for (size_t k = j * slots; k < (j + 1) * slots; ++k) {
                 pull[p->bones[k]] += noise * m * w[k];
@@ -405,12 +413,14 @@ static void sweeps_reach_the_minimum(void **state) {
         }
     }
     size_t free_slots = 0;
-    for (size_t v = 0; v < p->vertex_count; ++v) {
+    for (size_t m = 0; m < p->vertex_count; ++m) {
+        const size_t v = q->members[m];
         double g[PCI_SKIN_SLOTS_MAX], lowest = INFINITY;
         for (size_t k = 0; k < slots; ++k) {
             g[k] = (double)g0[v * slots + k];
-            for (size_t e = q->offsets[v]; e < q->offsets[v + 1]; ++e) {
-                for (size_t l = q->columns[e] * slots; l < (q->columns[e] + 1) * slots; ++l) {
+            for (size_t e = q->offsets[m]; e < q->offsets[m + 1]; ++e) {
+                const size_t j = column(q, m, e);
+                for (size_t l = j * slots; l < (j + 1) * slots; ++l) {
                     g[k] += (double)q->values[e] * (w[l] - s.f.weights[l]) *
                             product_of(&s, v * slots + k, l);
                 }

@@ -28,8 +28,6 @@ double pci_skin_get(const pci_skin_kernel *kernel, const void *array, size_t ind
 
 // ---- patches ------------------------------------------------------------------------------------
 
-enum { PATCH = 256 }; // vertices; what a patch needs of one block stays in the second-level cache
-
 // All patches while they are made; edges go to `next`.
 typedef struct patch_builder {
     pci_skin_frames *w;
@@ -240,7 +238,7 @@ static bool build_shares(pci_scratch *scratch, const uint32_t *vertices, pci_ski
 static bool begin_patches(pci_scratch *scratch, pci_scratch *local, patch_builder *b) {
     pci_skin_frames *w = b->w;
     const size_t nv = w->problem->vertex_count, edges = count_edges(w->problem);
-    w->patch_count = (nv + PATCH - 1) / PATCH;
+    w->patch_count = (nv + PCI_SKIN_PATCH - 1) / PCI_SKIN_PATCH;
     w->patches = PCI_SCRATCH(scratch, pci_skin_patch, w->patch_count);
     w->patch_rows = PCI_SCRATCH(scratch, size_t, w->patch_count + 1);
     b->local = PCI_SCRATCH(local, uint32_t, nv);
@@ -259,8 +257,9 @@ static bool begin_patches(pci_scratch *scratch, pci_scratch *local, patch_builde
 static bool build_patch(pci_scratch *local, patch_builder *b, size_t i) {
     const pci_skin_problem *p = b->w->problem;
     const size_t size = b->w->kernel->real_size, first_edge = b->next, first = b->vertex_count;
-    const size_t begin = i * PATCH;
-    const size_t end = begin + PATCH < p->vertex_count ? begin + PATCH : p->vertex_count;
+    const size_t begin = i * PCI_SKIN_PATCH;
+    const size_t end =
+        begin + PCI_SKIN_PATCH < p->vertex_count ? begin + PCI_SKIN_PATCH : p->vertex_count;
     pci_skin_patch *patch = &b->w->patches[i];
     if (!number_vertices(local, b, begin, end)) {
         return false;
@@ -328,29 +327,41 @@ typedef struct driver_job {
     size_t first, stride; // blocks
 } driver_job;
 
-// What the proxy does in one frame, frames innermost. In float the mean displacement is left out:
-// no loss depends on it, and smaller numbers keep more digits. Where a block is not full the proxy
-// is at rest, which adds no gradient.
+// What the proxy does in one frame, frames innermost. Where a block is not full the proxy is at
+// rest, which adds no gradient.
 static void fill_lane(const pci_skin_frames *w, uint32_t frame, void *driver, size_t lane) {
     const pci_skin_problem *p = w->problem;
-    const bool centred = w->kernel->real_size == sizeof(float);
     const size_t per_bone = 3 * (size_t)w->data.columns;
-    double mean[3] = {0}, map[3 * PCI_SKIN_COLUMNS_MAX] = {0};
-    for (size_t b = 0; b < p->proxy_count && centred && frame != PC_INVALID_INDEX; ++b) {
-        pci_skin_bone_map(p, w->origin, frame, b, map);
-        for (size_t c = 0; c < 3; ++c) {
-            mean[c] += map[c] / (double)p->proxy_count;
-        }
-    }
+    double map[3 * PCI_SKIN_COLUMNS_MAX] = {0};
     for (size_t b = 0; b < p->proxy_count; ++b) {
         if (frame != PC_INVALID_INDEX) {
             pci_skin_bone_map(p, w->origin, frame, b, map);
+            for (size_t c = 0; c < 3; ++c) {
+                map[c] = w->unit * (map[c] - w->means[3 * frame + c]);
+            }
         }
         for (size_t k = 0; k < per_bone; ++k) {
-            pci_skin_put(w->kernel, driver, (per_bone * b + k) * PCI_BLOCK + lane,
-                         k < 3 ? w->unit * (map[k] - mean[k]) : map[k]);
+            pci_skin_put(w->kernel, driver, (per_bone * b + k) * PCI_BLOCK + lane, map[k]);
         }
     }
+}
+
+// In float the mean displacement is left out: no loss depends on it, and smaller numbers keep more
+// digits.
+static bool find_means(pci_scratch *scratch, pci_skin_frames *w) {
+    const pci_skin_problem *p = w->problem;
+    w->means = PCI_SCRATCH(scratch, double, 3 * p->frame_count);
+    if (scratch->failed || w->kernel->real_size != sizeof(float)) {
+        return !scratch->failed;
+    }
+    for (size_t i = 0; i < p->frame_count * p->proxy_count; ++i) {
+        double map[3 * PCI_SKIN_COLUMNS_MAX];
+        pci_skin_bone_map(p, w->origin, i / p->proxy_count, i % p->proxy_count, map);
+        for (size_t c = 0; c < 3; ++c) {
+            w->means[3 * (i / p->proxy_count) + c] += map[c] / (double)p->proxy_count;
+        }
+    }
+    return true;
 }
 
 static void fill_drivers(void *user, size_t begin, size_t end, uint32_t worker) {
@@ -418,7 +429,8 @@ bool pci_skin_frames_build(pci_scratch *scratch, const pci_skin_problem *problem
     w->driver_size = per_block * kernel->real_size;
     w->frames = frames;
     w->drivers = pci_skin_reals(scratch, kernel, PCI_SKIN_LOADED * per_block);
-    return !scratch->failed && fill_points(scratch, w) && build_patches(scratch, w);
+    return !scratch->failed && find_means(scratch, w) && fill_points(scratch, w) &&
+           build_patches(scratch, w);
 }
 
 uint32_t *pci_skin_frames_in_sequence(pci_scratch *scratch, const pci_skin_problem *problem,
@@ -520,6 +532,11 @@ void pci_skin_frames_row(const pci_skin_frames *w, size_t vertex, double *row) {
             row[k] += ((const double *)w->partial)[first + k];
         }
     }
+}
+
+float *pci_skin_frames_own_row(const pci_skin_frames *w, size_t place) {
+    const size_t row = w->patch_rows[place / PCI_SKIN_PATCH] + place % PCI_SKIN_PATCH;
+    return (float *)w->partial + row * w->problem->slots;
 }
 
 void pci_skin_frames_add(const pci_skin_frames *w, const pci_skin_measures *of_patches,

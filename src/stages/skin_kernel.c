@@ -6,7 +6,7 @@ const pci_skin_kernel *pci_skin_kernel_float(void) {
     if (__builtin_cpu_supports("avx512f")) {
         return &pci_skin_avx512_float;
     }
-    if (__builtin_cpu_supports("avx2")) {
+    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) {
         return &pci_skin_avx2_float;
     }
 #endif
@@ -18,7 +18,7 @@ const pci_skin_kernel *pci_skin_kernel_double(void) {
     if (__builtin_cpu_supports("avx512f")) {
         return &pci_skin_avx512_double;
     }
-    if (__builtin_cpu_supports("avx2")) {
+    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) {
         return &pci_skin_avx2_double;
     }
 #endif

@@ -16,7 +16,10 @@
 
 #include "core/rotation.h"
 
-enum { PCI_BLOCK = 16 }; // frames per block, the innermost dimension of all per-frame arrays
+enum {
+    PCI_BLOCK = 16,    // frames per block, the innermost dimension of all per-frame arrays
+    PCI_SKIN_BATCH = 2 // vertices
+};
 
 // Edges of one vertex i, in five runs: to j in N(i) only, to N(i) and K(i), to K(i) only; each of
 // the first two cut where j > i begins or ends, so that these edges of the ring are in one piece.

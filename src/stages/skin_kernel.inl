@@ -5,10 +5,11 @@
 //   ANY(mask)  whether any bit is set
 //   NAME(x)  name of x for this type
 //   ROWS     what skin_rows.inl made for this instruction set
+//   FUSED(sum, x, y)  sum + x y of registers, rounded once, or EACH_FMA, x y + sum of numbers
 //   ROOT(x)  square roots of a register, or EACH_ROOT, that of a number
 //   LENGTH_TOLERANCE  see NAME(inverse_root)
 //   STEP_TOLERANCE, CURVATURE_TOLERANCE  see NAME(search_rotation)
-//   ROOT_TOLERANCE  see NAME(fit_rotation)
+//   ROOT_TOLERANCE  see NAME(step_root)
 // Vector types, loads and stores go through pointers to REAL, which are aligned to a register.
 
 typedef REAL NAME(vec) __attribute__((vector_size(LANES * sizeof(REAL)), may_alias));
@@ -31,6 +32,19 @@ static inline __attribute__((always_inline)) void NAME(store)(REAL *p, const VEC
         NAME(store)((p), &stored_);                                                                \
     } while (0)
 #define SELECT(mask, yes, no) ((VEC)(((mask) & (MASK)(yes)) | (~(mask) & (MASK)(no))))
+
+// A number in all lanes: whatever it is, it stays that when 0 is taken away.
+static inline __attribute__((always_inline)) VEC NAME(all)(REAL x) { return x - (VEC){0}; }
+
+#ifdef EACH_FMA
+static inline __attribute__((always_inline)) VEC NAME(fused)(VEC sum, VEC x, VEC y) {
+    for (size_t l = 0; l < LANES; ++l) {
+        sum[l] = EACH_FMA(x[l], y[l], sum[l]);
+    }
+    return sum;
+}
+#define FUSED(sum, x, y) NAME(fused)(sum, x, y)
+#endif
 
 #ifdef EACH_ROOT
 static inline __attribute__((always_inline)) VEC NAME(root)(VEC x) {
@@ -177,41 +191,7 @@ static __attribute__((noinline)) void NAME(search_lanes)(const VEC s[9], const M
     }
 }
 
-// What tells the largest sum of singular values.
-typedef struct NAME(spectrum) {
-    VEC squares, minors_4, det_2; // |S|^2, 4 |cof S|^2, 2 det S
-    VEC most, square, z_2, f_4;   // m, m^2, 2 z, 4 f
-} NAME(spectrum);
-
-static inline __attribute__((always_inline)) void NAME(cofactors)(const VEC s[9], VEC c[9]) {
-    c[0] = s[4] * s[8] - s[5] * s[7], c[1] = s[5] * s[6] - s[3] * s[8];
-    c[2] = s[3] * s[7] - s[4] * s[6], c[3] = s[2] * s[7] - s[1] * s[8];
-    c[4] = s[0] * s[8] - s[2] * s[6], c[5] = s[1] * s[6] - s[0] * s[7];
-    c[6] = s[1] * s[5] - s[2] * s[4], c[7] = s[2] * s[3] - s[0] * s[5];
-    c[8] = s[0] * s[4] - s[1] * s[3];
-}
-
-static inline __attribute__((always_inline)) VEC NAME(product)(const VEC *x, const VEC *y) {
-    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2];
-}
-
-// One step of Halley's method in the lanes that run. Returns those that have to go on.
-static inline __attribute__((always_inline)) MASK NAME(step_root)(NAME(spectrum) * p,
-                                                                  MASK running) {
-    const VEC z_4 = p->z_2 + p->z_2, k_2 = p->square - p->squares;
-    const VEC change =
-        p->f_4 * z_4 / (z_4 * (z_4 + z_4) - p->f_4 * (k_2 + (p->square + p->square)));
-    const MASK far = ~(change * change * p->most < (REAL)ROOT_TOLERANCE * z_4);
-    const VEC det_4 = p->det_2 + p->det_2;
-    p->most = SELECT(running, p->most - change, p->most);
-    p->square = p->most * p->most;
-    const VEC k = p->square - p->squares;
-    p->z_2 = k * p->most - p->det_2;
-    p->f_4 = k * k - p->minors_4 - (det_4 + det_4) * p->most;
-    return running & far;
-}
-
-// `factor` times R - I for the rotations R that maximise tr(R^T S).
+// A matrix S on the way to the rotation R that maximises tr(R^T S).
 //
 // Markley, "Attitude determination using vector observations: a fast optimal matrix algorithm",
 // 1993. The maximum m is the sum of the singular values, with the sign of det S on the least. With
@@ -222,67 +202,103 @@ static inline __attribute__((always_inline)) MASK NAME(step_root)(NAME(spectrum)
 // 3 m^2 >= |S|^2 for the first, <= for the third, which tell them apart. z is the product of the
 // sums of two singular values each. Where it is small R is hardly determined; such lanes, and those
 // that do not converge, are searched for.
-//
-// Two at a time, side by side: each is a long chain of operations that wait for one another.
-static inline __attribute__((always_inline)) void
-NAME(fit_rotations)(VEC s[2][9], const REAL factor[2], VEC turn[2][9]) {
-    VEC c[2][9], b[2][6];
-    NAME(spectrum) p[2];
-    MASK failed[2];
-    for (size_t t = 0; t < 2; ++t) {
-        NAME(cofactors)(s[t], c[t]);
+typedef struct NAME(fit) {
+    VEC s[9], cofactors[9], products[6]; // of S S^T: xx, xy, xz, yy, yz, zz
+    VEC squares, minors, det_2;          // |S|^2, |cof S|^2, 2 det S
+    VEC most, square, slope, value;      // m, m^2, f' = 2 z, f
+    MASK running;                        // lanes in which m is not found
+} NAME(fit);
+
+static inline __attribute__((always_inline)) VEC NAME(minor)(VEC a, VEC b, VEC c, VEC d) {
+    return FUSED(a * b, -c, d);
+}
+
+static inline __attribute__((always_inline)) void NAME(cofactors)(const VEC s[9], VEC c[9]) {
+    c[0] = NAME(minor)(s[4], s[8], s[5], s[7]), c[1] = NAME(minor)(s[5], s[6], s[3], s[8]);
+    c[2] = NAME(minor)(s[3], s[7], s[4], s[6]), c[3] = NAME(minor)(s[2], s[7], s[1], s[8]);
+    c[4] = NAME(minor)(s[0], s[8], s[2], s[6]), c[5] = NAME(minor)(s[1], s[6], s[0], s[7]);
+    c[6] = NAME(minor)(s[1], s[5], s[2], s[4]), c[7] = NAME(minor)(s[2], s[3], s[0], s[5]);
+    c[8] = NAME(minor)(s[0], s[4], s[1], s[3]);
+}
+
+static inline __attribute__((always_inline)) VEC NAME(product)(const VEC *x, const VEC *y) {
+    return FUSED(FUSED(x[0] * y[0], x[1], y[1]), x[2], y[2]);
+}
+
+// One step of Householder's method of third order from some lanes' m to a closer one. Returns those
+// of them that have to go on.
+static inline __attribute__((always_inline)) MASK NAME(step_root)(NAME(fit) * f, MASK running) {
+    const VEC bent = f->value * FUSED(-f->squares, NAME(all)(3), f->square);
+    const VEC slope_2 = f->slope * f->slope;
+    const VEC step = f->value * FUSED(slope_2, NAME(all)((REAL)-0.5), bent);
+    const VEC change = step / FUSED(f->slope * (slope_2 - bent), f->value * f->value, f->most);
+    const MASK far = ~(change * change * f->most < (REAL)ROOT_TOLERANCE * f->slope);
+    f->most = SELECT(running, f->most - change, f->most);
+    f->square = f->most * f->most;
+    const VEC k_2 = f->square - f->squares, half = (REAL)0.5 * k_2;
+    f->slope = FUSED(-f->det_2, k_2, f->most);
+    f->value = FUSED(FUSED(-f->minors, half, half), -f->det_2, f->most);
+    return running & far;
+}
+
+static inline __attribute__((always_inline)) void NAME(begin_fit)(NAME(fit) * f) {
+    const VEC s[9] = {f->s[0], f->s[1], f->s[2], f->s[3], f->s[4],
+                      f->s[5], f->s[6], f->s[7], f->s[8]};
+    VEC c[9];
+    NAME(cofactors)(s, c);
+    const VEC xx = NAME(product)(&s[0], &s[0]), yy = NAME(product)(&s[3], &s[3]);
+    const VEC zz = NAME(product)(&s[6], &s[6]);
+    f->products[0] = xx, f->products[3] = yy, f->products[5] = zz;
+    f->products[1] = NAME(product)(&s[0], &s[3]), f->products[2] = NAME(product)(&s[0], &s[6]);
+    f->products[4] = NAME(product)(&s[3], &s[6]);
+    memcpy(f->cofactors, c, sizeof(c));
+    const VEC det = NAME(product)(&s[0], &c[0]);
+    f->squares = xx + yy + zz;
+    f->minors =
+        NAME(product)(&c[0], &c[0]) + NAME(product)(&c[3], &c[3]) + NAME(product)(&c[6], &c[6]);
+    f->det_2 = det + det;
+}
+
+// The first guess of m, exact where det S = 0.
+static inline __attribute__((always_inline)) void NAME(begin_root)(NAME(fit) * f) {
+    const VEC k = ROOT(f->minors), k_2 = k + k;
+    f->square = f->squares + k_2;
+    f->most = ROOT(f->square);
+    f->slope = FUSED(-f->det_2, k_2, f->most);
+    f->value = -f->det_2 * f->most;
+}
+
+// `factor` times R - I.
+static inline __attribute__((always_inline)) void NAME(end_fit)(NAME(fit) * f, REAL factor,
+                                                                VEC turn[9]) {
+    for (size_t step = 0; ANY(f->running) && step < 6; ++step) {
+        f->running = NAME(step_root)(f, f->running);
     }
-    for (size_t t = 0; t < 2; ++t) { // S S^T
-        b[t][0] = NAME(product)(&s[t][0], &s[t][0]), b[t][1] = NAME(product)(&s[t][0], &s[t][3]);
-        b[t][2] = NAME(product)(&s[t][0], &s[t][6]), b[t][3] = NAME(product)(&s[t][3], &s[t][3]);
-        b[t][4] = NAME(product)(&s[t][3], &s[t][6]), b[t][5] = NAME(product)(&s[t][6], &s[t][6]);
+    const VEC share = ((REAL)2 * factor) / f->slope, share_c = share * f->most;
+    const VEC own = (REAL)0.5 * (f->squares + f->square);
+    const VEC ax = share * (own - f->products[0]), ay = share * (own - f->products[3]);
+    const VEC az = share * (own - f->products[5]);
+    const VEC axy = share * f->products[1], axz = share * f->products[2];
+    const VEC ayz = share * f->products[4];
+#define TURN(j)                                                                                    \
+    {                                                                                              \
+        const VEC x = f->s[j], y = f->s[3 + j], z = f->s[6 + j];                                   \
+        turn[j] = FUSED(FUSED(FUSED(ax * x, share_c, f->cofactors[j]), -axy, y), -axz, z);         \
+        turn[3 + j] = FUSED(FUSED(FUSED(ay * y, share_c, f->cofactors[3 + j]), -axy, x), -ayz, z); \
+        turn[6 + j] = FUSED(FUSED(FUSED(az * z, share_c, f->cofactors[6 + j]), -axz, x), -ayz, y); \
     }
-    for (size_t t = 0; t < 2; ++t) { // exact where det S = 0
-        const VEC det = NAME(product)(&s[t][0], &c[t][0]);
-        p[t].det_2 = det + det;
-        p[t].squares = b[t][0] + b[t][3] + b[t][5];
-        p[t].minors_4 =
-            (REAL)4 * (NAME(product)(&c[t][0], &c[t][0]) + NAME(product)(&c[t][3], &c[t][3]) +
-                       NAME(product)(&c[t][6], &c[t][6]));
-    }
-    for (size_t t = 0; t < 2; ++t) {
-        const VEC k_2 = ROOT(p[t].minors_4), det_4 = p[t].det_2 + p[t].det_2;
-        p[t].square = p[t].squares + k_2;
-        p[t].most = ROOT(p[t].square);
-        p[t].z_2 = k_2 * p[t].most - p[t].det_2;
-        p[t].f_4 = -(det_4 + det_4) * p[t].most;
-    }
-    failed[0] = failed[1] = (MASK){0} == 0;
-    for (int step = 0; step < 8; ++step) {
-        failed[0] = NAME(step_root)(&p[0], failed[0]);
-        failed[1] = NAME(step_root)(&p[1], failed[1]);
-        const MASK any = failed[0] | failed[1];
-        if (!ANY(any)) {
-            break;
-        }
-    }
-    for (size_t t = 0; t < 2; ++t) {
-        failed[t] |= ~(p[t].z_2 > (REAL)0.02 * (p[t].square * p[t].most)) |
-                     ~((REAL)3 * p[t].square > p[t].squares);
-    }
-    for (size_t t = 0; t < 2; ++t) {
-        const VEC share = ((REAL)2 * factor[t]) / p[t].z_2, share_c = share * p[t].most;
-        const VEC own = (REAL)0.5 * (p[t].squares + p[t].square);
-        const VEC a[6] = {share * (own - b[t][0]), share * b[t][1], share * b[t][2],
-                          share * (own - b[t][3]), share * b[t][4], share * (own - b[t][5])};
-        for (size_t j = 0; j < 3; ++j) {
-            const VEC x = s[t][j], y = s[t][3 + j], z = s[t][6 + j];
-            turn[t][j] = (a[0] * x + share_c * c[t][j]) - (a[1] * y + a[2] * z);
-            turn[t][3 + j] = (a[3] * y + share_c * c[t][3 + j]) - (a[1] * x + a[4] * z);
-            turn[t][6 + j] = (a[5] * z + share_c * c[t][6 + j]) - (a[2] * x + a[4] * y);
-        }
-        turn[t][0] -= factor[t], turn[t][4] -= factor[t], turn[t][8] -= factor[t];
-    }
-    const MASK any = failed[0] | failed[1];
-    if (ANY(any)) {
-        for (size_t t = 0; t < 2; ++t) {
-            NAME(search_lanes)(s[t], &failed[t], factor[t], turn[t]);
-        }
+    TURN(0)
+    TURN(1)
+    TURN(2)
+#undef TURN
+    turn[0] -= factor, turn[4] -= factor, turn[8] -= factor;
+    const MASK failed = f->running | ~(f->slope > (REAL)0.02 * (f->square * f->most)) |
+                        ~((REAL)3 * f->square > f->squares);
+    if (ANY(failed)) {
+        VEC found[9]; // a copy, so that `turn` may stay in registers
+        memcpy(found, turn, sizeof(found));
+        NAME(search_lanes)(f->s, &failed, factor, found);
+        memcpy(turn, found, sizeof(found));
     }
 }
 
@@ -299,15 +315,15 @@ NAME(displace)(const pci_skin_data *data, const pci_skin_patch *patch, const REA
             VEC map[12] = {{0}};
             for (size_t k = 0; k < data->slots; ++k) {
                 const REAL *d = &driver[3 * PCI_BLOCK * columns * bones[k] + lane];
-                const REAL weight = (REAL)weights[k];
+                const VEC weight = NAME(all)((REAL)weights[k]);
                 for (size_t c = 0; c < 3 * columns; ++c) {
-                    map[c] += weight * LOAD(d + c * PCI_BLOCK);
+                    map[c] = FUSED(map[c], weight, LOAD(d + c * PCI_BLOCK));
                 }
             }
             REAL *u = &displacements[3 * PCI_BLOCK * v + lane];
             for (size_t c = 0; c < 3; ++c) {
                 for (size_t k = 1; k < columns; ++k) {
-                    map[c] += point[k] * map[3 * k + c];
+                    map[c] = FUSED(map[c], NAME(all)(point[k]), map[3 * k + c]);
                 }
                 STORE(u + c * PCI_BLOCK, map[c]);
             }
@@ -317,69 +333,75 @@ NAME(displace)(const pci_skin_data *data, const pci_skin_patch *patch, const REA
 
 // One lane group of one vertex.
 typedef struct NAME(vertex) {
-    const pci_skin_patch *patch;
     const pci_skin_runs *runs;
-    const REAL *constants, *lengths, *displacements; // the last from the lane on
-    VEC u[3];
+    const REAL *constants, *lengths;
+    VEC u[3], attached[3], squares[2]; // the last: sums of s |x|^2, if asked for
+    NAME(fit) fits[2];                 // of L_r and L_c
+    VEC turns[2][9];                   // I - R times the scale of the gradient
 } NAME(vertex);
 
 // Adds sum x e^T over some edges to s, sum Kw x to `attached`, and sum |x|^2 to `squares`, with the
-// edges' stiffness in the first and last (these
-// two may be NULL).
-static inline __attribute__((always_inline)) void NAME(gather)(const NAME(vertex) * v,
-                                                               uint32_t begin, uint32_t end,
-                                                               VEC s[9], VEC attached[3],
-                                                               VEC *squares) {
-    const REAL *e = v->patch->vectors, *weights = v->patch->near_weights;
-    const REAL *stiffness = v->patch->stiffness;
+// edges' stiffness in the first and last (these two may be NULL). `displacements` from the lane on.
+static inline __attribute__((always_inline)) void
+NAME(gather)(const pci_skin_patch *patch, const REAL *displacements, uint32_t begin, uint32_t end,
+             const VEC u[3], VEC s[9], VEC attached[3], VEC *squares) {
+    const REAL *e = patch->vectors, *weights = patch->near_weights, *stiffness = patch->stiffness;
     for (size_t k = begin; k < end; ++k) {
-        const REAL *uj = &v->displacements[3 * PCI_BLOCK * (size_t)v->patch->targets[k]];
-        const VEC x = v->u[0] - LOAD(uj), y = v->u[1] - LOAD(uj + PCI_BLOCK);
-        const VEC z = v->u[2] - LOAD(uj + 2 * PCI_BLOCK);
-        const REAL ex = e[3 * k], ey = e[3 * k + 1], ez = e[3 * k + 2];
-        s[0] += x * ex, s[1] += x * ey, s[2] += x * ez;
-        s[3] += y * ex, s[4] += y * ey, s[5] += y * ez;
-        s[6] += z * ex, s[7] += z * ey, s[8] += z * ez;
+        const REAL *uj = &displacements[3 * PCI_BLOCK * (size_t)patch->targets[k]];
+        const VEC x = u[0] - LOAD(uj), y = u[1] - LOAD(uj + PCI_BLOCK);
+        const VEC z = u[2] - LOAD(uj + 2 * PCI_BLOCK);
+        const VEC ex = NAME(all)(e[3 * k]), ey = NAME(all)(e[3 * k + 1]);
+        const VEC ez = NAME(all)(e[3 * k + 2]);
+        s[0] = FUSED(s[0], x, ex), s[1] = FUSED(s[1], x, ey), s[2] = FUSED(s[2], x, ez);
+        s[3] = FUSED(s[3], y, ex), s[4] = FUSED(s[4], y, ey), s[5] = FUSED(s[5], y, ez);
+        s[6] = FUSED(s[6], z, ex), s[7] = FUSED(s[7], z, ey), s[8] = FUSED(s[8], z, ez);
         if (attached != NULL) {
-            attached[0] += weights[k] * x, attached[1] += weights[k] * y;
-            attached[2] += weights[k] * z;
+            const VEC weight = NAME(all)(weights[k]);
+            attached[0] = FUSED(attached[0], weight, x);
+            attached[1] = FUSED(attached[1], weight, y);
+            attached[2] = FUSED(attached[2], weight, z);
         }
         if (squares != NULL) {
-            *squares += stiffness[k] * (x * x + y * y + z * z);
+            const VEC square = FUSED(FUSED(x * x, y, y), z, z);
+            *squares = FUSED(*squares, NAME(all)(stiffness[k]), square);
         }
     }
 }
 
+// from + a symmetric matrix of 6 entries
+static inline __attribute__((always_inline)) void
+NAME(add_symmetric)(const VEC from[9], const REAL *entries, VEC sum[9]) {
+    sum[0] = from[0] + entries[0], sum[1] = from[1] + entries[1], sum[2] = from[2] + entries[2];
+    sum[3] = from[3] + entries[1], sum[4] = from[4] + entries[3], sum[5] = from[5] + entries[4];
+    sum[6] = from[6] + entries[2], sum[7] = from[7] + entries[4], sum[8] = from[8] + entries[5];
+}
+
 // Of both terms: S, L_a's a; and, if asked for, sums of |x|^2.
-static inline __attribute__((always_inline)) void NAME(gather_all)(const NAME(vertex) * v,
-                                                                   VEC ring[9], VEC near[9],
-                                                                   VEC attached[3],
-                                                                   VEC squares[2]) {
-    static const uint8_t entry[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
+static inline __attribute__((always_inline)) void NAME(gather_all)(const pci_skin_patch *patch,
+                                                                   const REAL *displacements,
+                                                                   const bool measured,
+                                                                   NAME(vertex) * v) {
     const pci_skin_runs *runs = v->runs;
-    VEC both[9] = {{0}}, shared = {0};
-    for (size_t k = 0; k < 9; ++k) {
-        ring[k] = near[k] = (VEC){0};
-    }
-    for (size_t k = 0; k < 3; ++k) {
-        attached[k] = (VEC){0} + v->constants[PCI_SKIN_ATTACHED + k];
-    }
-    if (squares != NULL) {
-        squares[0] = squares[1] = (VEC){0};
-    }
-    NAME(gather)(v, runs->begin, runs->near, ring, NULL, squares);
+    const VEC u[3] = {v->u[0], v->u[1], v->u[2]};
+    VEC both[9] = {{0}}, s[9], shared = {0}, squares = {0};
+    VEC attached[3] = {NAME(all)(v->constants[PCI_SKIN_ATTACHED]),
+                       NAME(all)(v->constants[PCI_SKIN_ATTACHED + 1]),
+                       NAME(all)(v->constants[PCI_SKIN_ATTACHED + 2])};
     NAME(gather)
-    (v, runs->near, runs->ring_end, both, attached, squares != NULL ? &shared : NULL);
+    (patch, displacements, runs->near, runs->ring_end, u, both, attached,
+     measured ? &shared : NULL);
+    NAME(add_symmetric)(both, &v->constants[PCI_SKIN_NEAR], s);
     NAME(gather)
-    (v, runs->ring_end, runs->end, near, attached, squares != NULL ? &squares[1] : NULL);
-    for (size_t k = 0; k < 9; ++k) {
-        ring[k] += both[k] + v->constants[PCI_SKIN_RING + entry[k]];
-        near[k] += both[k] + v->constants[PCI_SKIN_NEAR + entry[k]];
-    }
-    if (squares != NULL) {
-        squares[0] += shared;
-        squares[1] += shared;
-    }
+    (patch, displacements, runs->ring_end, runs->end, u, s, attached, measured ? &squares : NULL);
+    memcpy(v->fits[1].s, s, sizeof(s));
+    memcpy(v->attached, attached, sizeof(attached));
+    v->squares[1] = shared + squares;
+    NAME(add_symmetric)(both, &v->constants[PCI_SKIN_RING], s);
+    squares = shared;
+    NAME(gather)
+    (patch, displacements, runs->begin, runs->near, u, s, NULL, measured ? &squares : NULL);
+    memcpy(v->fits[0].s, s, sizeof(s));
+    v->squares[0] = squares;
 }
 
 // Sum of squared residuals: sum s |x|^2 - 2 tr(r^T S), r = R - I. Rounding leaves
@@ -389,60 +411,69 @@ static inline __attribute__((always_inline)) VEC NAME(loss)(const VEC s[9], cons
     VEC turned = {0}, lost = {0};
     for (size_t a = 0; a < 3; ++a) {
         for (size_t b = a; b < 3; ++b) {
-            const VEC error = (r[3 * a + b] + r[3 * b + a]) +
-                              (r[a] * r[b] + r[3 + a] * r[3 + b] + r[6 + a] * r[6 + b]);
-            const VEC product = r[a] * s[b] + r[3 + a] * s[3 + b] + r[6 + a] * s[6 + b];
-            const VEC share = (s[3 * a + b] + product) * error;
-            lost += share;
+            const VEC error =
+                FUSED(FUSED(FUSED(r[3 * a + b] + r[3 * b + a], r[a], r[b]), r[3 + a], r[3 + b]),
+                      r[6 + a], r[6 + b]);
+            const VEC product = FUSED(FUSED(r[a] * s[b], r[3 + a], s[3 + b]), r[6 + a], s[6 + b]);
+            const VEC whole = s[3 * a + b] + product;
+            lost = FUSED(lost, whole, error);
             if (a == b) {
                 turned += product;
             } else {
-                lost += share;
+                lost = FUSED(lost, whole, error);
             }
         }
     }
     return squares - ((turned + turned) - lost);
 }
 
-// Pulls both ends of some edges: t = s (`share` x - Q e) + Kw a is added to `own` and taken from
-// the forces (from the lane on).
-static inline __attribute__((always_inline)) void NAME(pull)(const NAME(vertex) * v, uint32_t begin,
-                                                             uint32_t end, REAL share,
-                                                             const VEC q[9], const VEC *a,
-                                                             REAL *forces, VEC own[3]) {
-    const REAL *e = v->patch->vectors, *weights = v->patch->near_weights;
-    const REAL *stiffness = v->patch->stiffness;
+// Pulls both ends of some edges: t = s (`share` x + Q e) + Kw a is added to `own` and taken from
+// the forces. These and the displacements are given from the lane on.
+static inline __attribute__((always_inline)) void
+NAME(pull)(const pci_skin_patch *patch, const REAL *displacements, uint32_t begin, uint32_t end,
+           REAL share, const VEC u[3], const VEC q[9], const VEC *a, REAL *forces, VEC own[3]) {
+    const REAL *e = patch->vectors, *weights = patch->near_weights, *stiffness = patch->stiffness;
+    const uint32_t *targets = patch->targets;
     for (size_t k = begin; k < end; ++k) {
-        const size_t at = 3 * PCI_BLOCK * (size_t)v->patch->targets[k];
-        const REAL *uj = &v->displacements[at];
+        const size_t at = 3 * PCI_BLOCK * (size_t)targets[k];
+        const REAL *uj = &displacements[at];
         REAL *force = &forces[at];
-        const REAL ex = e[3 * k], ey = e[3 * k + 1], ez = e[3 * k + 2];
-        VEC t[3];
-        for (size_t c = 0; c < 3; ++c) {
-            t[c] = share * stiffness[k] * (v->u[c] - LOAD(uj + c * PCI_BLOCK)) -
-                   (q[3 * c] * ex + q[3 * c + 1] * ey + q[3 * c + 2] * ez);
-            if (a != NULL) {
-                t[c] += weights[k] * a[c];
-            }
-            own[c] += t[c];
-            STORE(force + c * PCI_BLOCK, LOAD(force + c * PCI_BLOCK) - t[c]);
+        const VEC pulled = NAME(all)(share * stiffness[k]);
+        const VEC ex = NAME(all)(e[3 * k]), ey = NAME(all)(e[3 * k + 1]);
+        const VEC ez = NAME(all)(e[3 * k + 2]);
+        VEC x = pulled * (u[0] - LOAD(uj)), y = pulled * (u[1] - LOAD(uj + PCI_BLOCK));
+        VEC z = pulled * (u[2] - LOAD(uj + 2 * PCI_BLOCK));
+        x = FUSED(FUSED(FUSED(x, q[0], ex), q[1], ey), q[2], ez);
+        y = FUSED(FUSED(FUSED(y, q[3], ex), q[4], ey), q[5], ez);
+        z = FUSED(FUSED(FUSED(z, q[6], ex), q[7], ey), q[8], ez);
+        if (a != NULL) {
+            const VEC weight = NAME(all)(weights[k]);
+            x = FUSED(x, weight, a[0]), y = FUSED(y, weight, a[1]), z = FUSED(z, weight, a[2]);
         }
+        own[0] += x, own[1] += y, own[2] += z;
+        STORE(force, LOAD(force) - x);
+        STORE(force + PCI_BLOCK, LOAD(force + PCI_BLOCK) - y);
+        STORE(force + 2 * PCI_BLOCK, LOAD(force + 2 * PCI_BLOCK) - z);
     }
 }
 
 // The same for L_s.
-static inline __attribute__((always_inline)) void NAME(stretch)(const NAME(vertex) * v, REAL share,
+static inline __attribute__((always_inline)) void NAME(stretch)(const pci_skin_patch *patch,
+                                                                const REAL *displacements,
+                                                                const NAME(vertex) * v, REAL share,
                                                                 REAL *forces, VEC own[3]) {
-    const REAL *e = v->patch->vectors, *stiffness = v->patch->stiffness;
+    const REAL *e = patch->vectors, *stiffness = patch->stiffness;
     for (size_t k = v->runs->upper; k < v->runs->upper_end; ++k) {
-        const size_t at = 3 * PCI_BLOCK * (size_t)v->patch->targets[k];
-        const REAL *uj = &v->displacements[at];
+        const size_t at = 3 * PCI_BLOCK * (size_t)patch->targets[k];
+        const REAL *uj = &displacements[at];
         REAL *force = &forces[at];
-        const VEC x = e[3 * k] + stiffness[k] * (v->u[0] - LOAD(uj));
-        const VEC y = e[3 * k + 1] + stiffness[k] * (v->u[1] - LOAD(uj + PCI_BLOCK));
-        const VEC z = e[3 * k + 2] + stiffness[k] * (v->u[2] - LOAD(uj + 2 * PCI_BLOCK));
-        const REAL length = v->lengths[k - v->runs->upper];
-        const VEC factor = share - share * length * NAME(inverse_root)(x * x + y * y + z * z);
+        const VEC s = NAME(all)(stiffness[k]);
+        const VEC x = FUSED(NAME(all)(e[3 * k]), s, v->u[0] - LOAD(uj));
+        const VEC y = FUSED(NAME(all)(e[3 * k + 1]), s, v->u[1] - LOAD(uj + PCI_BLOCK));
+        const VEC z = FUSED(NAME(all)(e[3 * k + 2]), s, v->u[2] - LOAD(uj + 2 * PCI_BLOCK));
+        const VEC length = NAME(all)(share * v->lengths[k - v->runs->upper]);
+        const VEC inverse = NAME(inverse_root)(FUSED(FUSED(x * x, y, y), z, z));
+        const VEC factor = FUSED(NAME(all)(share), -length, inverse);
         const VEC t[3] = {factor * x, factor * y, factor * z};
         for (size_t c = 0; c < 3; ++c) {
             own[c] += t[c];
@@ -452,53 +483,70 @@ static inline __attribute__((always_inline)) void NAME(stretch)(const NAME(verte
 }
 
 // Counts the lanes with det(S) < 0. `scale`: that brings S to about 1.
-static inline __attribute__((always_inline)) void
-NAME(count_reflections)(const VEC s[9], REAL scale, uint64_t *counts) {
-    const VEC det = s[0] * (s[4] * s[8] - s[5] * s[7]) - s[1] * (s[3] * s[8] - s[5] * s[6]) +
-                    s[2] * (s[3] * s[7] - s[4] * s[6]);
+static inline __attribute__((always_inline)) void NAME(count_reflections)(VEC det_2, REAL scale,
+                                                                          uint64_t *counts) {
+    const VEC relative = (REAL)0.5 * scale * scale * scale * det_2;
     for (size_t l = 0; l < LANES; ++l) {
-        counts[l] += scale * scale * scale * det[l] < (REAL)-CURVATURE_TOLERANCE;
+        counts[l] += relative[l] < (REAL)-CURVATURE_TOLERANCE;
     }
 }
 
+// Finds the rotations of both terms. `sums`: NULL or added to.
 static inline __attribute__((always_inline)) void
-NAME(add_sums)(const NAME(vertex) * v, size_t lane, VEC s[2][9], VEC turn[2][9],
-               const VEC attached[3], const VEC squares[2], pci_skin_sums *sums) {
-    const VEC losses[3] = {
-        NAME(loss)(s[0], turn[0], squares[0]), NAME(loss)(s[1], turn[1], squares[1]),
-        attached[0] * attached[0] + attached[1] * attached[1] + attached[2] * attached[2]};
-    for (size_t x = 0; x < 3; ++x) {
-        for (size_t l = 0; l < LANES; ++l) {
-            sums->losses[x][lane + l] += (double)losses[x][l];
+NAME(fit_rotations)(NAME(vertex) * v, size_t lane, const double scale[4], pci_skin_sums *sums) {
+    for (size_t x = 0; x < 2; ++x) {
+        const VEC *s = v->fits[x].s;
+        VEC *turn = v->turns[x];
+        const REAL factor = (REAL)-scale[x];
+        NAME(end_fit)(&v->fits[x], sums != NULL ? (REAL)1 : factor, turn);
+        if (sums != NULL) {
+            const VEC loss = NAME(loss)(s, turn, v->squares[x]);
+            for (size_t l = 0; l < LANES; ++l) {
+                sums->losses[x][lane + l] += (double)loss[l];
+            }
+            if (x == 0) {
+                NAME(count_reflections)
+                (v->fits[0].det_2, v->constants[PCI_SKIN_RING + 6], &sums->reflections[lane]);
+            }
+            for (size_t k = 0; k < 9; ++k) {
+                turn[k] *= factor;
+            }
         }
     }
-    NAME(count_reflections)(s[0], v->constants[PCI_SKIN_RING + 6], &sums->reflections[lane]);
+    if (sums != NULL) {
+        const VEC loss = NAME(product)(v->attached, v->attached);
+        for (size_t l = 0; l < LANES; ++l) {
+            sums->losses[2][lane + l] += (double)loss[l];
+        }
+    }
 }
 
-// Adds half of dE/du that the terms of one vertex cause. `ring_turn` and `near_turn`: R - I times
-// the scale of the gradient.
+// Adds half of dE/du that the terms of one vertex cause.
 static inline __attribute__((always_inline)) void
-NAME(add_forces)(const NAME(vertex) * v, const double scale[4], const VEC ring_turn[9],
-                 const VEC near_turn[9], const VEC attached[3], REAL *forces, REAL *own_force) {
+NAME(add_forces)(const pci_skin_patch *patch, const REAL *displacements, const NAME(vertex) * v,
+                 const double scale[4], REAL *forces, REAL *own_force) {
     const pci_skin_runs *runs = v->runs;
-    const REAL rigid = (REAL)scale[0], collision = (REAL)scale[1];
-    VEC both[9], a[3], own[3];
-    for (size_t k = 0; k < 9; ++k) {
-        both[k] = ring_turn[k] + near_turn[k];
-    }
-    for (size_t k = 0; k < 3; ++k) {
-        a[k] = (REAL)scale[2] * attached[k];
-        own[k] = LOAD(own_force + k * PCI_BLOCK);
-    }
-    NAME(pull)(v, runs->begin, runs->near, rigid, ring_turn, NULL, forces, own);
-    NAME(pull)(v, runs->near, runs->ring_end, rigid + collision, both, a, forces, own);
-    NAME(pull)(v, runs->ring_end, runs->end, collision, near_turn, a, forces, own);
+    const REAL rigid = (REAL)scale[0], collision = (REAL)scale[1], attachment = (REAL)scale[2];
+    const VEC *ring = v->turns[0], *near = v->turns[1];
+    const VEC both[9] = {ring[0] + near[0], ring[1] + near[1], ring[2] + near[2],
+                         ring[3] + near[3], ring[4] + near[4], ring[5] + near[5],
+                         ring[6] + near[6], ring[7] + near[7], ring[8] + near[8]};
+    const VEC a[3] = {attachment * v->attached[0], attachment * v->attached[1],
+                      attachment * v->attached[2]};
+    VEC own[3] = {LOAD(own_force), LOAD(own_force + PCI_BLOCK), LOAD(own_force + 2 * PCI_BLOCK)};
+    NAME(pull)
+    (patch, displacements, runs->begin, runs->near, rigid, v->u, ring, NULL, forces, own);
+    NAME(pull)
+    (patch, displacements, runs->near, runs->ring_end, rigid + collision, v->u, both, a, forces,
+     own);
+    NAME(pull)
+    (patch, displacements, runs->ring_end, runs->end, collision, v->u, near, a, forces, own);
     if (scale[3] != 0.0) {
-        NAME(stretch)(v, (REAL)(2.0 * scale[3]), forces, own);
+        NAME(stretch)(patch, displacements, v, (REAL)(2.0 * scale[3]), forces, own);
     }
-    for (size_t k = 0; k < 3; ++k) {
-        STORE(own_force + k * PCI_BLOCK, own[k]);
-    }
+    STORE(own_force, own[0]);
+    STORE(own_force + PCI_BLOCK, own[1]);
+    STORE(own_force + 2 * PCI_BLOCK, own[2]);
 }
 
 // Sums of four arrays over the lanes, by halves in a fixed tree.
@@ -522,7 +570,7 @@ static inline __attribute__((always_inline)) VEC NAME(apply)(const REAL *d, cons
                                                              const size_t columns) {
     VEC moved = LOAD(d);
     for (size_t k = 1; k < columns; ++k) {
-        moved += point[k] * LOAD(d + 3 * PCI_BLOCK * k);
+        moved = FUSED(moved, NAME(all)(point[k]), LOAD(d + 3 * PCI_BLOCK * k));
     }
     return moved;
 }
@@ -539,15 +587,15 @@ NAME(collect)(const pci_skin_data *data, const pci_skin_patch *patch, const REAL
         const REAL *g = &forces[3 * PCI_BLOCK * v];
         for (size_t first = 0; first < data->slots; first += 4) {
             const size_t count = data->slots - first < 4 ? data->slots - first : 4;
-            for (size_t k = 0; k < count; ++k) {
-                const REAL *d = &driver[3 * PCI_BLOCK * columns * bones[first + k]];
-                for (size_t lane = 0; lane < PCI_BLOCK; lane += LANES) {
-                    const VEC x = NAME(apply)(d + lane, point, columns);
-                    const VEC y = NAME(apply)(d + PCI_BLOCK + lane, point, columns);
-                    const VEC z = NAME(apply)(d + 2 * PCI_BLOCK + lane, point, columns);
-                    STORE(&products[k * PCI_BLOCK + lane], LOAD(&g[lane]) * x +
-                                                               LOAD(&g[PCI_BLOCK + lane]) * y +
-                                                               LOAD(&g[2 * PCI_BLOCK + lane]) * z);
+            for (size_t lane = 0; lane < PCI_BLOCK; lane += LANES) {
+                const VEC gx = LOAD(&g[lane]), gy = LOAD(&g[PCI_BLOCK + lane]);
+                const VEC gz = LOAD(&g[2 * PCI_BLOCK + lane]);
+                for (size_t k = 0; k < count; ++k) {
+                    const REAL *d = &driver[3 * PCI_BLOCK * columns * bones[first + k] + lane];
+                    const VEC x = NAME(apply)(d, point, columns);
+                    const VEC y = NAME(apply)(d + PCI_BLOCK, point, columns);
+                    const VEC z = NAME(apply)(d + 2 * PCI_BLOCK, point, columns);
+                    STORE(&products[k * PCI_BLOCK + lane], FUSED(FUSED(gx * x, gy, y), gz, z));
                 }
             }
             QUAD sums;
@@ -559,11 +607,54 @@ NAME(collect)(const pci_skin_data *data, const pci_skin_patch *patch, const REAL
     }
 }
 
+// Some vertices at a time: the search for a root is a long chain of operations that wait for one
+// another.
+static inline __attribute__((always_inline)) void
+NAME(evaluate_batch)(const pci_skin_data *data, const pci_skin_patch *patch, size_t begin,
+                     size_t end, size_t lane, const REAL *lengths, const REAL *displacements,
+                     REAL *forces, pci_skin_sums *sums) {
+    NAME(vertex) batch[PCI_SKIN_BATCH];
+    for (size_t i = begin; i < end; ++i) {
+        NAME(vertex) *v = &batch[i - begin];
+        const REAL *u = &displacements[3 * PCI_BLOCK * i];
+        v->runs = &patch->runs[i];
+        v->constants = (const REAL *)patch->constants + PCI_SKIN_CONSTANTS * i;
+        v->lengths = lengths;
+        lengths += v->runs->upper_end - v->runs->upper;
+        v->u[0] = LOAD(u), v->u[1] = LOAD(u + PCI_BLOCK), v->u[2] = LOAD(u + 2 * PCI_BLOCK);
+        if (sums != NULL) {
+            NAME(gather_all)(patch, displacements, true, v);
+        } else {
+            NAME(gather_all)(patch, displacements, false, v);
+        }
+        NAME(begin_fit)(&v->fits[0]);
+        NAME(begin_fit)(&v->fits[1]);
+    }
+    // Hardly any lane needs more than two steps.
+    const MASK all = (MASK){0} == 0;
+    for (size_t k = 0; k < 2 * (end - begin); ++k) {
+        NAME(begin_root)(&batch[k / 2].fits[k % 2]);
+    }
+    for (size_t k = 0; k < 2 * (end - begin); ++k) {
+        (void)NAME(step_root)(&batch[k / 2].fits[k % 2], all);
+    }
+    for (size_t k = 0; k < 2 * (end - begin); ++k) {
+        batch[k / 2].fits[k % 2].running = NAME(step_root)(&batch[k / 2].fits[k % 2], all);
+    }
+    for (size_t i = 0; i < end - begin; ++i) {
+        NAME(fit_rotations)(&batch[i], lane, data->scale, sums);
+        if (forces != NULL) {
+            NAME(add_forces)
+            (patch, displacements, &batch[i], data->scale, forces,
+             &forces[3 * PCI_BLOCK * (begin + i)]);
+        }
+    }
+}
+
 static void NAME(evaluate)(const pci_skin_data *data, const pci_skin_patch *patch,
                            const void *driver, const pci_skin_buffers *buffers, pci_skin_sums *sums,
                            void *gradient) {
     REAL *displacements = buffers->displacements, *forces = buffers->forces;
-    const REAL factor[2] = {(REAL)data->scale[0], (REAL)data->scale[1]}, unit[2] = {1, 1};
     if (data->columns == 1) {
         NAME(displace)(data, patch, driver, 1, displacements);
     } else {
@@ -573,35 +664,17 @@ static void NAME(evaluate)(const pci_skin_data *data, const pci_skin_patch *patc
         memset(forces, 0, 3 * PCI_BLOCK * patch->local_count * sizeof(*forces));
     }
     const REAL *lengths = patch->lengths;
-    for (size_t i = 0; i < patch->own_count; ++i) {
+    for (size_t begin = 0; begin < patch->own_count; begin += PCI_SKIN_BATCH) {
+        const size_t left = patch->own_count - begin;
+        const size_t end = begin + (left < PCI_SKIN_BATCH ? left : PCI_SKIN_BATCH);
         for (size_t lane = 0; lane < PCI_BLOCK; lane += LANES) {
-            NAME(vertex)
-            v = {.patch = patch,
-                 .runs = &patch->runs[i],
-                 .constants = (const REAL *)patch->constants + PCI_SKIN_CONSTANTS * i,
-                 .lengths = lengths,
-                 .displacements = &displacements[lane]};
-            VEC s[2][9], turn[2][9], attached[3], squares[2];
-            for (size_t k = 0; k < 3; ++k) {
-                v.u[k] = LOAD(&displacements[(3 * i + k) * PCI_BLOCK + lane]);
-            }
-            NAME(gather_all)(&v, s[0], s[1], attached, sums != NULL ? squares : NULL);
-            if (sums != NULL) {
-                NAME(fit_rotations)(s, unit, turn);
-                NAME(add_sums)(&v, lane, s, turn, attached, squares, sums);
-                for (size_t k = 0; k < 18; ++k) {
-                    turn[k / 9][k % 9] *= factor[k / 9];
-                }
-            } else {
-                NAME(fit_rotations)(s, factor, turn);
-            }
-            if (gradient != NULL) {
-                NAME(add_forces)
-                (&v, data->scale, turn[0], turn[1], attached, &forces[lane],
-                 &forces[3 * PCI_BLOCK * i + lane]);
-            }
+            NAME(evaluate_batch)
+            (data, patch, begin, end, lane, lengths, &displacements[lane],
+             gradient != NULL ? &forces[lane] : NULL, sums);
         }
-        lengths += patch->runs[i].upper_end - patch->runs[i].upper;
+        for (size_t i = begin; i < end; ++i) {
+            lengths += patch->runs[i].upper_end - patch->runs[i].upper;
+        }
     }
     if (gradient != NULL && data->columns == 1) {
         NAME(collect)(data, patch, driver, 1, forces, gradient);
@@ -626,6 +699,8 @@ const pci_skin_kernel NAME(pci_skin) = {
 #undef NAME
 #undef ROOT
 #undef EACH_ROOT
+#undef FUSED
+#undef EACH_FMA
 #undef LENGTH_TOLERANCE
 #undef STEP_TOLERANCE
 #undef CURVATURE_TOLERANCE

@@ -17,6 +17,7 @@ static inline bool any_bit(const void *mask) {
 #define ANY(mask)           any_bit(&(mask))
 #define NAME(x)             x##_generic_float
 #define EACH_ROOT           sqrtf
+#define EACH_FMA            fmaf
 #define LENGTH_TOLERANCE    1e-20
 #define STEP_TOLERANCE      1e-5
 #define CURVATURE_TOLERANCE 1e-5
@@ -29,6 +30,7 @@ static inline bool any_bit(const void *mask) {
 #define ANY(mask)           any_bit(&(mask))
 #define NAME(x)             x##_generic_double
 #define EACH_ROOT           sqrt
+#define EACH_FMA            fma
 #define LENGTH_TOLERANCE    1e-40
 #define STEP_TOLERANCE      1e-18
 #define CURVATURE_TOLERANCE 1e-13

@@ -365,8 +365,8 @@ void pci_skin_quadratic_use(pci_skin_quadratic *q, uint32_t slots) {
 
 typedef struct sweep_job {
     const pci_skin_quadratic *q;
-    const float *gradient;
-    float *moved; // w - w0
+    float *const *gradient; // #groups
+    float *moved;           // w - w0
     double *weights;
     const uint32_t *groups; // of the running colour
     bool backward;
@@ -389,6 +389,7 @@ static void number_bones(const sweep_job *job, uint32_t group, pci_skin_group *g
     g->own_count = (uint32_t)(pci_skin_group_begin(q, (size_t)group + 1) - g->first);
     g->vertices = &q->known[q->known_offsets[group]];
     g->row_count = (uint32_t)(q->known_offsets[group + 1] - q->known_offsets[group]);
+    g->gradient = job->gradient[group];
     g->bone_count = 0;
     for (size_t row = 0; row < g->own_count; ++row) {
         const size_t v = g->vertices[row];
@@ -525,7 +526,7 @@ static inline __attribute__((always_inline)) void extract_row(const sweep_job *j
         for (size_t k = 1; k < width; ++k) {
             sum += x[k] * (double)products[width * i + k];
         }
-        r->gradient[i] = (double)job->gradient[v * q->slots + r->slots[i]] + sum;
+        r->gradient[i] = (double)g->gradient[row * q->slots + r->slots[i]] + sum;
     }
 }
 
@@ -746,7 +747,6 @@ static inline void fetch(const void *memory, size_t size) {
 static void fetch_row(const sweep_job *job, size_t v) {
     const size_t slots = job->q->slots, first = v * slots;
     fetch(&job->weights[first], slots * sizeof(*job->weights));
-    fetch(&job->gradient[first], slots * sizeof(*job->gradient));
     fetch(&job->moved[first], slots * sizeof(*job->moved));
 }
 
@@ -787,14 +787,14 @@ static void run_sweep(sweep_job *job) {
     }
 }
 
-void pci_skin_quadratic_sweep(const pci_skin_quadratic *q, const float *gradient, bool backward,
+void pci_skin_quadratic_sweep(const pci_skin_quadratic *q, float *const *gradient, bool backward,
                               float *moved, double *weights) {
     sweep_job job = {
         .q = q, .gradient = gradient, .moved = moved, .weights = weights, .backward = backward};
     run_sweep(&job);
 }
 
-void pci_skin_quadratic_prune(const pci_skin_quadratic *q, const float *gradient, uint32_t kept,
+void pci_skin_quadratic_prune(const pci_skin_quadratic *q, float *const *gradient, uint32_t kept,
                               uint32_t *allowed, float *moved, double *weights) {
     sweep_job job = {.q = q,
                      .gradient = gradient,

@@ -506,7 +506,7 @@ static void instruction_sets_agree(void **state) {
     const pci_skin_kernel *const kernels[2][3] = {
         {&pci_skin_generic_float, &pci_skin_avx2_float, &pci_skin_avx512_float},
         {&pci_skin_generic_double, &pci_skin_avx2_double, &pci_skin_avx512_double}};
-    const bool usable[3] = {true, __builtin_cpu_supports("avx2") != 0,
+    const bool usable[3] = {true, __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"),
                             __builtin_cpu_supports("avx512f") != 0};
     fixture f;
     load_fixture("fedora", 1, &f);
@@ -537,7 +537,7 @@ static void instruction_sets_agree_on_rows(void **state) {
     (void)state;
     const pci_skin_kernel *const kernels[3] = {&pci_skin_generic_float, &pci_skin_avx2_float,
                                                &pci_skin_avx512_float};
-    const bool usable[3] = {true, __builtin_cpu_supports("avx2") != 0,
+    const bool usable[3] = {true, __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"),
                             __builtin_cpu_supports("avx512f") != 0};
     enum { ROWS = 5, STRIDE = 3 * PCI_SKIN_STRIDE };
     static float moved[ROWS * STRIDE] __attribute__((aligned(64)));

@@ -29,7 +29,14 @@ static const double margin = 1.0;
 static const size_t most_retreats = 12;
 // Tubes are given up until the rest has so much of the vertices that the scales give it.
 static const double least_rest = 0.8;
+// Counts of clusters that differ by less become equal from one tube to the next.
+static const double nearly_alike = 0.75;
 enum { phases = 8 };
+
+typedef struct layout {
+    size_t around, rows; // clusters around; rings but the one at the opening
+    double phase;        // of a cluster, where the first one begins
+} layout;
 
 typedef struct search {
     pci_scratch *scratch; // of this loop
@@ -53,6 +60,7 @@ typedef struct search {
     size_t member_count;
     double *along, *around; // per member: 0 at the opening, 1 at the other end; radians
     double flux;            // circumference over length of the cylinder of the same shape
+    layout last;            // of the tube found last: the other sleeve, often
 } search;
 
 static double length_between(const pci_halfedge *mesh, size_t a, size_t b) {
@@ -459,10 +467,10 @@ static bool map_to_cylinder(search *t, uint32_t loop) {
 
 // ---- rings --------------------------------------------------------------------------------------
 
-typedef struct layout {
-    size_t around, rows; // clusters around; rings but the one at the opening
-    double phase;        // of a cluster, where the first one begins
-} layout;
+// The nearest number, or the one that the other sleeve or leg got if it is near.
+static size_t round_alike(double value, size_t other) {
+    return fabs(value - (double)other) < nearly_alike ? other : (size_t)(value + 0.5);
+}
 
 // How many clusters the tube gets around and along; none around: it is no tube for so many.
 static layout choose_layout(const search *t) {
@@ -477,14 +485,14 @@ static layout choose_layout(const search *t) {
     if (!(even > narrowest && even < widest)) {
         return l;
     }
-    const size_t rounded = (size_t)(even + 0.5);
+    const size_t rounded = round_alike(even, t->last.around);
     const double around = (double)(rounded > least_around ? rounded : least_around);
     const double squares = around / t->flux; // along the tube
     const double rows = fmin(fmax(share / around - 0.5, squares / longest_cell - 0.5),
                              squares / shortest_cell - 0.5);
     if (rows >= 0.75) {
         l.around = (size_t)around;
-        l.rows = (size_t)(rows + 0.5);
+        l.rows = round_alike(rows, l.around == t->last.around ? t->last.rows : 0);
     }
     return l;
 }
@@ -600,6 +608,7 @@ static bool try_loop(search *t, uint32_t start, double edge, size_t turn, pci_ri
     }
     if (spread_out >= 0.0) {
         add_rings(t, &l, rings);
+        t->last = l;
     }
     return true;
 }

@@ -10,11 +10,10 @@
 ///   (link condition), instead of removing non-manifold triangles afterwards. The proxy has the
 ///   components, boundary loops and Euler number of the single layer by construction.
 /// - Clusters get smaller around narrow parts (`narrow_refinement`).
-/// - On request (`rings`) a tube behind an opening, such as a sleeve or a leg, that is three to five
-///   clusters around is mapped conformally to a cylinder and gets rings of equally many clusters,
-///   one straight behind the other, instead of clusters that wind around it in zigzag: a prism with
-///   the opening as its first ring. It ends where its circumference begins to grow fast, as at an
-///   armpit or a crotch.
+/// - A tube behind an opening, such as a sleeve or a leg, that is three to five clusters around is
+///   mapped conformally to a cylinder and gets rings of equally many clusters, one straight behind
+///   the other, instead of clusters that wind around it in zigzag: a prism with the opening as its
+///   first ring. It ends where its circumference begins to grow fast, as at an armpit or a crotch.
 /// - Vertices leave the centroids: they slide and edges flip towards even triangles, border
 ///   vertices stay on the border and its corners, then the faces are fitted to the single layer
 ///   and it to them, with weight on the largest distances; no vertex goes farther than .15 wanted
@@ -80,7 +79,6 @@ typedef struct pc_simplify_options {
     uint32_t vertices;              ///< N_p
     uint32_t method;                ///< pc_simplify_method
     double narrow_refinement;       ///< longest over shortest edges; 1 is the paper's uniform mesh
-    bool rings;                     ///< thin tubes become prisms
     uint32_t density_channel;       ///< pc_density_channel
     double density_range;           ///< longest over shortest edges by the density map
     uint32_t clustering_iterations; ///< passes of boundary exchanges

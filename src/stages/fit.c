@@ -322,20 +322,14 @@ static void move_vertex(const fitting *f, uint32_t v, double spacing) {
     const pci_relaxation *r = f->relaxation;
     double *at = &r->coarse->positions[3 * (size_t)v];
     const double start[3] = {at[0], at[1], at[2]};
-    const bool ringed = r->pinned[v] == PCI_RINGED;
+    // Even triangles would turn the rings of a tube to a zigzag.
+    const double slide = r->pinned[v] == PCI_RINGED ? 0.5 * slide_share : slide_share;
     double step[3];
     sliding_step(r, v, step);
     for (size_t k = 0; k < 3; ++k) {
-        step[k] *= ringed ? 0.0 : slide_share;
+        step[k] *= slide;
         if (f->pull_weights[v] > 0.0) {
             step[k] += f->pulls[3 * (size_t)v + k] / f->pull_weights[v];
-        }
-    }
-    if (ringed) { // the few faces around would lean towards their diagonals
-        const double *normal = &r->fine_normals[3 * (size_t)r->feet[v]];
-        const double share = pci_dot(step, normal);
-        for (size_t k = 0; k < 3; ++k) {
-            step[k] = share * normal[k];
         }
     }
     const double length = pci_norm(step), limit = 0.25 * spacing;

@@ -16,8 +16,8 @@ typedef struct pci_relaxation {
     uint8_t *pinned; // per coarse vertex: free (0), PCI_PINNED or PCI_RINGED
 } pci_relaxation;
 
-// Does not move. Of a ring around a tube: moves only off the surface, and edges between the
-// triangles of such vertices do not flip.
+// Does not move. Of a ring around a tube: moves only where fitting draws it, and edges between
+// the triangles of such vertices do not flip.
 enum { PCI_PINNED = 1, PCI_RINGED = 2 };
 
 // Puts every coarse vertex onto the fine surface, at the point nearest to its position that can be

@@ -29,7 +29,14 @@ static const double margin = 1.0;
 static const size_t most_retreats = 12;
 // Tubes are given up until the rest has so much of the vertices that the scales give it.
 static const double least_rest = 0.8;
+// Counts of clusters that differ by less become equal from one tube to the next.
+static const double nearly_alike = 0.75;
 enum { phases = 8 };
+
+typedef struct layout {
+    size_t around, rows; // clusters around; rings but the one at the opening
+    double phase;        // of a cluster, where the first one begins
+} layout;
 
 typedef struct search {
     pci_scratch *scratch; // of this loop
@@ -40,8 +47,10 @@ typedef struct search {
     uint32_t *loop_of;
     const uint32_t *claimed; // clusters of the tubes found so far
     double *distances;       // #V, to the opening
-    double reach;            // distances are complete up to here
-    uint32_t *near;          // triangles with a distance at every corner
+    uint32_t *reached;       // vertices with a distance
+    size_t reached_count;
+    double reach;   // distances are complete up to here
+    uint32_t *near; // triangles with a distance at every corner
     size_t near_count;
     uint8_t *inside;   // #F, whether it belongs to the tube
     uint32_t *queue;   // #F, work space
@@ -51,6 +60,7 @@ typedef struct search {
     size_t member_count;
     double *along, *around; // per member: 0 at the opening, 1 at the other end; radians
     double flux;            // circumference over length of the cylinder of the same shape
+    layout last;            // of the tube found last: the other sleeve, often
 } search;
 
 static double length_between(const pci_halfedge *mesh, size_t a, size_t b) {
@@ -59,16 +69,26 @@ static double length_between(const pci_halfedge *mesh, size_t a, size_t b) {
 
 // ---- the reach of a tube ------------------------------------------------------------------------
 
-// Distances along edges from the opening, up to another opening or tube, or to where the front is
-// too long. False: out of memory.
-static bool measure_distances(search *t, uint32_t loop, double edge) {
+static bool reach_vertex(search *t, pci_heap *front, uint32_t v, double distance) {
+    if (t->distances[v] == HUGE_VAL) {
+        t->reached[t->reached_count++] = v;
+    }
+    t->distances[v] = distance;
+    return pci_heap_push(t->scratch, front, distance, v);
+}
+
+// Distances along edges from the opening at `start`, up to another opening or tube, or to where the
+// front is too long. False: out of memory.
+static bool measure_distances(search *t, uint32_t start, double edge) {
     const pci_halfedge *mesh = &t->s->mesh;
-    const size_t nv = mesh->vertex_count;
+    const uint32_t loop = t->loop_of[start];
     const double step = edge / levels_per_edge;
     pci_heap front = {0};
-    for (uint32_t v = 0; v < nv; ++v) {
-        t->distances[v] = t->loop_of[v] == loop ? 0.0 : HUGE_VAL;
-        if (t->loop_of[v] == loop && !pci_heap_push(t->scratch, &front, 0.0, v)) {
+    for (; t->reached_count > 0; --t->reached_count) { // of the opening before
+        t->distances[t->reached[t->reached_count - 1]] = HUGE_VAL;
+    }
+    for (uint32_t v = start; t->distances[v] == HUGE_VAL; v = pci_target(mesh, mesh->outgoing[v])) {
+        if (!reach_vertex(t, &front, v, 0.0)) {
             return false;
         }
     }
@@ -99,11 +119,9 @@ static bool measure_distances(search *t, uint32_t loop, double edge) {
             const uint32_t ends[2] = {pci_target(mesh, h), mesh->corners[pci_previous(h)]};
             for (size_t i = 0; i < 2; ++i) {
                 const double distance = entry.key + length_between(mesh, v, ends[i]);
-                if (distance < t->distances[ends[i]]) {
-                    t->distances[ends[i]] = distance;
-                    if (!pci_heap_push(t->scratch, &front, distance, ends[i])) {
-                        return false;
-                    }
+                if (distance < t->distances[ends[i]] &&
+                    !reach_vertex(t, &front, ends[i], distance)) {
+                    return false;
                 }
             }
         }
@@ -111,18 +129,21 @@ static bool measure_distances(search *t, uint32_t loop, double edge) {
     return true;
 }
 
-static bool spread(search *t, uint32_t loop, double edge) {
+static bool spread(search *t, uint32_t start, double edge) {
     const pci_halfedge *mesh = &t->s->mesh;
-    if (!measure_distances(t, loop, edge)) {
+    for (; t->near_count > 0; --t->near_count) { // of the opening before
+        t->inside[t->near[t->near_count - 1]] = 0;
+    }
+    if (!measure_distances(t, start, edge)) {
         return false;
     }
-    t->near_count = 0;
-    for (uint32_t f = 0; f < mesh->triangle_count; ++f) {
-        const uint32_t *corner = &mesh->corners[3 * (size_t)f];
-        t->inside[f] = 0;
-        if (t->distances[corner[0]] < HUGE_VAL && t->distances[corner[1]] < HUGE_VAL &&
-            t->distances[corner[2]] < HUGE_VAL) {
-            t->near[t->near_count++] = f;
+    for (size_t i = 0; i < t->reached_count; ++i) {
+        const uint32_t v = t->reached[i];
+        PCI_FOR_OUTGOING(mesh, v, h) {
+            const uint32_t b = pci_target(mesh, h), c = mesh->corners[pci_previous(h)];
+            if (v < b && v < c && t->distances[b] < HUGE_VAL && t->distances[c] < HUGE_VAL) {
+                t->near[t->near_count++] = h / 3;
+            }
         }
     }
     return true;
@@ -446,10 +467,10 @@ static bool map_to_cylinder(search *t, uint32_t loop) {
 
 // ---- rings --------------------------------------------------------------------------------------
 
-typedef struct layout {
-    size_t around, rows; // clusters around; rings but the one at the opening
-    double phase;        // of a cluster, where the first one begins
-} layout;
+// The nearest number, or the one that the other sleeve or leg got if it is near.
+static size_t round_alike(double value, size_t other) {
+    return fabs(value - (double)other) < nearly_alike ? other : (size_t)(value + 0.5);
+}
 
 // How many clusters the tube gets around and along; none around: it is no tube for so many.
 static layout choose_layout(const search *t) {
@@ -464,14 +485,14 @@ static layout choose_layout(const search *t) {
     if (!(even > narrowest && even < widest)) {
         return l;
     }
-    const size_t rounded = (size_t)(even + 0.5);
+    const size_t rounded = round_alike(even, t->last.around);
     const double around = (double)(rounded > least_around ? rounded : least_around);
     const double squares = around / t->flux; // along the tube
     const double rows = fmin(fmax(share / around - 0.5, squares / longest_cell - 0.5),
                              squares / shortest_cell - 0.5);
     if (rows >= 0.75) {
         l.around = (size_t)around;
-        l.rows = (size_t)(rows + 0.5);
+        l.rows = round_alike(rows, l.around == t->last.around ? t->last.rows : 0);
     }
     return l;
 }
@@ -550,7 +571,6 @@ static void add_rings(const search *t, const layout *l, pci_rings *rings) {
             const uint32_t cell = first + ring * around + j;
             rings->aside[cell] = first + ring * around + (j + 1) % around;
             rings->ahead[cell] = ring < l->rows ? cell + around : PC_INVALID_INDEX;
-            rings->odd[cell] = ring % 2;
         }
     }
     rings->count += l->around * (l->rows + 1);
@@ -559,10 +579,11 @@ static void add_rings(const search *t, const layout *l, pci_rings *rings) {
 // ---- the search ---------------------------------------------------------------------------------
 
 // Adds the tube behind an opening, if there is one. False: out of memory or cancelled.
-static bool try_loop(search *t, uint32_t loop, double edge, size_t turn, pci_rings *rings) {
+static bool try_loop(search *t, uint32_t start, double edge, size_t turn, pci_rings *rings) {
     const double step = edge / levels_per_edge;
+    const uint32_t loop = t->loop_of[start];
     size_t level = 0;
-    if (!spread(t, loop, edge) || !count_levels(t, step, (widest + 1.5) * edge, &level)) {
+    if (!spread(t, start, edge) || !count_levels(t, step, (widest + 1.5) * edge, &level)) {
         return false;
     }
     bool simple = false;
@@ -587,13 +608,14 @@ static bool try_loop(search *t, uint32_t loop, double edge, size_t turn, pci_rin
     }
     if (spread_out >= 0.0) {
         add_rings(t, &l, rings);
+        t->last = l;
     }
     return true;
 }
 
 typedef struct opening {
     double length, scale;
-    uint32_t index;
+    uint32_t start; // vertex
 } opening;
 
 static int compare_openings(const void *a, const void *b) { // shortest first
@@ -601,7 +623,7 @@ static int compare_openings(const void *a, const void *b) { // shortest first
     if (x->length != y->length) {
         return x->length < y->length ? -1 : 1;
     }
-    return (x->index > y->index) - (x->index < y->index);
+    return (x->start > y->start) - (x->start < y->start);
 }
 
 // Numbers the openings in loop_of and measures them; `openings` has room for all border vertices.
@@ -615,7 +637,7 @@ static size_t list_openings(search *t, opening *openings) {
             continue;
         }
         opening *o = &openings[count];
-        *o = (opening){.index = (uint32_t)count};
+        *o = (opening){.start = start};
         size_t vertices = 0;
         for (uint32_t v = start; t->loop_of[v] == PC_INVALID_INDEX; ++vertices) {
             const uint32_t next = pci_target(mesh, mesh->outgoing[v]);
@@ -659,9 +681,9 @@ static bool prepare(pci_scratch *scratch, search *t, pci_rings *rings) {
     rings->cluster = PCI_SCRATCH(scratch, uint32_t, nv);
     rings->aside = PCI_SCRATCH(scratch, uint32_t, t->vertices);
     rings->ahead = PCI_SCRATCH(scratch, uint32_t, t->vertices);
-    rings->odd = PCI_SCRATCH(scratch, uint8_t, t->vertices);
     t->loop_of = PCI_SCRATCH(scratch, uint32_t, nv);
     t->distances = PCI_SCRATCH(scratch, double, nv);
+    t->reached = PCI_SCRATCH(scratch, uint32_t, nv);
     t->near = PCI_SCRATCH(scratch, uint32_t, nf);
     t->inside = PCI_SCRATCH(scratch, uint8_t, nf);
     t->queue = PCI_SCRATCH(scratch, uint32_t, nf);
@@ -675,6 +697,7 @@ static bool prepare(pci_scratch *scratch, search *t, pci_rings *rings) {
     t->claimed = rings->cluster;
     double scaled_area = 0.0;
     for (size_t v = 0; v < nv; ++v) {
+        t->distances[v] = HUGE_VAL;
         scaled_area += t->s->areas[v] * t->s->scales[v] * t->s->scales[v];
     }
     t->density = (double)t->vertices / scaled_area;
@@ -701,7 +724,7 @@ bool pci_find_rings(pci_scratch *scratch, const pci_sampling *sampling, size_t v
         }
         pci_scratch inner = pci_scratch_begin(scratch->context);
         t.scratch = &inner;
-        const bool done = try_loop(&t, openings[i].index, edge, turn, rings);
+        const bool done = try_loop(&t, openings[i].start, edge, turn, rings);
         pci_scratch_end(&inner);
         if (!done) {
             return false;
@@ -760,13 +783,12 @@ bool pci_lace_rings(pci_scratch *scratch, const pci_rings *rings, const uint32_t
         if (torn[cell] || torn[aside] || torn[ahead] || torn[across]) {
             continue;
         }
-        if (rings->odd[cell]) {
-            join_corners(relaxation->coarse, vertex[cell], vertex[aside], vertex[across],
-                         vertex[ahead]);
-        } else {
-            join_corners(relaxation->coarse, vertex[aside], vertex[across], vertex[ahead],
-                         vertex[cell]);
-        }
+        const uint32_t quad[4] = {vertex[cell], vertex[aside], vertex[across], vertex[ahead]};
+        const bool shorter = length_between(relaxation->coarse, quad[0], quad[2]) <
+                             length_between(relaxation->coarse, quad[1], quad[3]);
+        const size_t from = shorter ? 0 : 1;
+        join_corners(relaxation->coarse, quad[from], quad[from + 1], quad[from + 2],
+                     quad[(from + 3) % 4]);
     }
     return true;
 }

@@ -11,7 +11,6 @@ typedef struct pci_rings {
     uint32_t *cluster; // #V of the fine mesh, below count; PC_INVALID_INDEX: in no tube
     uint32_t *aside;   // per cluster, the next one around the tube
     uint32_t *ahead;   // per cluster, the next one along the tube; PC_INVALID_INDEX: none
-    uint8_t *odd;      // per cluster, whether its ring has an odd number
 } pci_rings;
 
 // Finds the tubes that are between three and five clusters around where `vertices` clusters follow
@@ -22,8 +21,8 @@ typedef struct pci_rings {
 bool pci_find_rings(pci_scratch *scratch, const pci_sampling *sampling, size_t vertices,
                     size_t turn, pci_rings *rings);
 
-// Binds the coarse vertices of the rings (PCI_RINGED) and turns the diagonals between them to one
-// side in every other row, so that none winds around the tube.
+// Binds the coarse vertices of the rings (PCI_RINGED) and turns the diagonals between them to the
+// shorter ones.
 // @param nearby  per fine vertex, the coarse vertex it was merged into
 // False: out of memory.
 bool pci_lace_rings(pci_scratch *scratch, const pci_rings *rings, const uint32_t *nearby,

@@ -35,8 +35,6 @@ static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_simplify_options, narrow_refinement, DOUBLE, 1.5, 1.0, 4.0, "",
                      "Edges around narrow or strongly curved parts are up to this factor shorter; "
                      "1: uniform"),
-    PCI_FIELD_OPTION(pc_simplify_options, rings, BOOL, 0, 0, 1, "",
-                     "Thin sleeves and legs become prisms: their vertices stand in rings"),
     PCI_FIELD_CHOICE(
         pc_simplify_options, density_channel, PC_DENSITY_NONE, PC_DENSITY_ALPHA, channel_choices,
         "Channel of the visual mesh's vertex colors that tells where edges are shorter"),
@@ -199,7 +197,8 @@ static bool cluster_samples(pci_scratch *scratch, pci_sampling *s,
         pci_sampling_weigh(s);
     }
     *rings = (pci_rings){0};
-    if (options->rings && !pci_find_rings(scratch, s, options->vertices, attempt, rings)) {
+    if (options->narrow_refinement > 1.0 &&
+        !pci_find_rings(scratch, s, options->vertices, attempt, rings)) {
         return false;
     }
     return cluster(scratch, s, options, attempt, rings->count > 0 ? rings : NULL, clusters,

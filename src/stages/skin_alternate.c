@@ -6,6 +6,7 @@
 static const char stage[] = "skin";
 
 enum { SWEEPS = 3 }; // per round, each there and back
+_Static_assert(PCI_SKIN_PATCH % PCI_SKIN_GROUP == 0, "the rows of a group follow one another");
 
 static const double sample_rounds = 0.75; // of the rounds at most
 // Along the last round's; it may have gone too far.
@@ -101,9 +102,9 @@ static void finish_gradient(void *user, size_t begin, size_t end, uint32_t worke
         } else {
             follow(a, job->weights, v, PCI_SKIN_COLUMNS_MAX, gradient);
         }
+        float *row = &a->gradient[m / PCI_SKIN_GROUP][m % PCI_SKIN_GROUP * slots];
         for (size_t k = 0; k < slots; ++k) {
-            a->gradient[v * slots + k] =
-                (float)(gradient[k] + resisted[k] - (double)a->constants[v * slots + k]);
+            row[k] = (float)(gradient[k] + resisted[k] - (double)a->constants[v * slots + k]);
         }
     }
 }
@@ -166,6 +167,9 @@ static bool find_gradient(pci_skin_alternation *a, pci_skin_level level, double 
         return false;
     }
     row_job rows = {.a = a, .weights = weights};
+    for (uint32_t g = 0; g < a->quadratic.group_count; ++g) {
+        a->gradient[g] = pci_skin_frames_own_row(w, pci_skin_group_begin(&a->quadratic, g));
+    }
     pci_parallel_for(w->context, a->quadratic.group_count, 4, finish_gradient, &rows);
     ++a->rounds;
     if (measures != NULL) {
@@ -176,10 +180,14 @@ static bool find_gradient(pci_skin_alternation *a, pci_skin_level level, double 
 
 // <dE/dW, step of the last round>.
 static double slope_of_step(const pci_skin_alternation *a) {
-    const size_t count = a->frames.problem->vertex_count * a->frames.problem->slots;
+    const size_t slots = a->frames.problem->slots;
     double slope = 0.0;
-    for (size_t k = 0; k < count; ++k) {
-        slope += (double)a->gradient[k] * (double)a->moved[k];
+    for (size_t m = 0; m < a->quadratic.vertex_count; ++m) {
+        const float *gradient = &a->gradient[m / PCI_SKIN_GROUP][m % PCI_SKIN_GROUP * slots];
+        const float *moved = &a->moved[a->quadratic.members[m] * slots];
+        for (size_t k = 0; k < slots; ++k) {
+            slope += (double)gradient[k] * (double)moved[k];
+        }
     }
     return slope;
 }
@@ -222,7 +230,7 @@ bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *pr
     memset(a, 0, sizeof(*a));
     a->gram = gram;
     a->level = PCI_SKIN_LEVELS;
-    a->gradient = PCI_SCRATCH(scratch, float, count);
+    a->gradient = PCI_SCRATCH(scratch, float *, nv / PCI_SKIN_GROUP + 1);
     a->moved = PCI_SCRATCH(scratch, float, count);
     a->constants = PCI_SCRATCH(scratch, float, count);
     a->follow = PCI_SCRATCH(scratch, double, nv);
@@ -280,7 +288,7 @@ pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, dou
     const uint32_t most = rough ? rounds : (uint32_t)(sample_rounds * rounds);
     bool sampled = a->gram->levels[PCI_SKIN_SAMPLE].stride > 1, same_frames = false;
     row_job job = {.a = a, .weights = weights};
-    double slope = 0.0; // of the last round's step, before it
+    double lowered = 0.0, slope = 0.0; // of the last round's step, before it
     for (uint32_t round = 0; round < rounds; ++round) {
         const double share = (double)round / (double)rounds;
         if (sampled && round >= most) {
@@ -299,9 +307,9 @@ pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, dou
         // A quadratic function falls by half of what the gradient says on the way to its minimum.
         slope = slope_of_step(a);
         const double fall = -0.5 * slope;
-        a->lowered += fall;
+        lowered += fall;
         same_frames = true;
-        if (fall <= tolerance * a->lowered) {
+        if (fall <= tolerance * (a->losses > 0.0 ? a->losses : lowered)) {
             if (!sampled || rough) {
                 break;
             }
@@ -317,6 +325,10 @@ pc_status pci_skin_alternation_prune(pci_skin_alternation *a, uint32_t kept, dou
     memset(a->moved, 0, p->vertex_count * p->slots * sizeof(*a->moved));
     if (!find_gradient(a, PCI_SKIN_SAMPLE, weights, measures)) {
         return pci_fail_cancelled(a->frames.context, stage);
+    }
+    a->losses = 0.0;
+    for (size_t x = 0; x < 3; ++x) {
+        a->losses += a->scale[x] * a->frames.unit * a->frames.unit * measures->losses[x];
     }
     pci_skin_quadratic_prune(&a->quadratic, a->gradient, kept, a->allowed, a->moved, weights);
     return PC_OK;

@@ -26,11 +26,11 @@ typedef struct pci_skin_alternation {
     float *constants;            // #V by slots: what L_f and the noise add to the gradient with b
     double *pulls;               // #threads by #P, 0 but while a row is in hand
     double spacing;              // of the proxy's vertices, squared
-    float *gradient;             // #V by slots
+    float **gradient;            // #groups, members by slots; in the rows that the patches own
     float *moved;                // #V by slots: since the gradient was found
     pci_skin_measures *measures; // #patches
     uint32_t rounds;             // so far
-    double lowered;              // the energy, by all of them
+    double losses;               // L_r, L_c, L_a by scale when slots were last taken away, or 0
 } pci_skin_alternation;
 
 // False: out of memory.
@@ -47,8 +47,8 @@ bool pci_skin_alternation_weigh(pci_scratch *scratch, pci_skin_alternation *alte
                                 const double lambda[4], double lambda_follow);
 
 // At most `rounds` rounds of one pass over frames and some sweeps; stops when a round lowers the
-// energy by less than `tolerance` of what all rounds so far have. Most rounds see a sample of
-// the frames, the last ones all unless `rough`.
+// energy by less than `tolerance` of the losses or, while these are not known, of what all rounds
+// of this call have. Most rounds see a sample of the frames, the last ones all unless `rough`.
 // @param[in,out] weights  in: any; slots that are not allowed are 0.
 PC_NODISCARD pc_status pci_skin_alternation_run(pci_skin_alternation *alternation, uint32_t rounds,
                                                 double tolerance, bool rough, double progress_begin,

@@ -25,8 +25,10 @@ static void displace(const compare_job *job, const double *maps, size_t v, float
     pci_skin_point(p, job->origin, 1.0, v, point);
     for (size_t k = v * slots; k < (v + 1) * slots; ++k) {
         const double *map = &maps[MAP * (size_t)p->bones[k]], weight = job->fit->weights[k];
-        for (size_t i = 0; i < 3 * columns; ++i) {
-            u[i % 3] += weight * (point[i / 3] * map[i]);
+        for (size_t c = 0; c < columns; ++c) {
+            for (size_t x = 0; x < 3; ++x) {
+                u[x] += weight * (point[c] * map[3 * c + x]);
+            }
         }
     }
     store(u, moved);

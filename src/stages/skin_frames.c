@@ -28,8 +28,6 @@ double pci_skin_get(const pci_skin_kernel *kernel, const void *array, size_t ind
 
 // ---- patches ------------------------------------------------------------------------------------
 
-enum { PATCH = 256 }; // vertices; what a patch needs of one block stays in the second-level cache
-
 // All patches while they are made; edges go to `next`.
 typedef struct patch_builder {
     pci_skin_frames *w;
@@ -240,7 +238,7 @@ static bool build_shares(pci_scratch *scratch, const uint32_t *vertices, pci_ski
 static bool begin_patches(pci_scratch *scratch, pci_scratch *local, patch_builder *b) {
     pci_skin_frames *w = b->w;
     const size_t nv = w->problem->vertex_count, edges = count_edges(w->problem);
-    w->patch_count = (nv + PATCH - 1) / PATCH;
+    w->patch_count = (nv + PCI_SKIN_PATCH - 1) / PCI_SKIN_PATCH;
     w->patches = PCI_SCRATCH(scratch, pci_skin_patch, w->patch_count);
     w->patch_rows = PCI_SCRATCH(scratch, size_t, w->patch_count + 1);
     b->local = PCI_SCRATCH(local, uint32_t, nv);
@@ -259,8 +257,9 @@ static bool begin_patches(pci_scratch *scratch, pci_scratch *local, patch_builde
 static bool build_patch(pci_scratch *local, patch_builder *b, size_t i) {
     const pci_skin_problem *p = b->w->problem;
     const size_t size = b->w->kernel->real_size, first_edge = b->next, first = b->vertex_count;
-    const size_t begin = i * PATCH;
-    const size_t end = begin + PATCH < p->vertex_count ? begin + PATCH : p->vertex_count;
+    const size_t begin = i * PCI_SKIN_PATCH;
+    const size_t end =
+        begin + PCI_SKIN_PATCH < p->vertex_count ? begin + PCI_SKIN_PATCH : p->vertex_count;
     pci_skin_patch *patch = &b->w->patches[i];
     if (!number_vertices(local, b, begin, end)) {
         return false;
@@ -533,6 +532,11 @@ void pci_skin_frames_row(const pci_skin_frames *w, size_t vertex, double *row) {
             row[k] += ((const double *)w->partial)[first + k];
         }
     }
+}
+
+float *pci_skin_frames_own_row(const pci_skin_frames *w, size_t place) {
+    const size_t row = w->patch_rows[place / PCI_SKIN_PATCH] + place % PCI_SKIN_PATCH;
+    return (float *)w->partial + row * w->problem->slots;
 }
 
 void pci_skin_frames_add(const pci_skin_frames *w, const pci_skin_measures *of_patches,

@@ -6,6 +6,8 @@
 #include "stages/skin_driver.h"
 
 enum { PCI_SKIN_SLOTS_MAX = 64, PCI_SKIN_LOADED = 2 };
+// Vertices; what a patch needs of one block stays in the second-level cache.
+enum { PCI_SKIN_PATCH = 256 };
 
 typedef struct pci_skin_frames {
     pc_context *context;
@@ -59,6 +61,10 @@ bool pci_skin_frames_evaluate(pci_skin_frames *w, const double *weights, size_t 
 
 // The row of dE/dW of one vertex, of the blocks evaluated last.
 void pci_skin_frames_row(const pci_skin_frames *w, size_t vertex, double *row);
+
+// Where the patch that owns a vertex keeps its row; those of the other vertices of the patch follow
+// in the order of the problem. Of kernels in float.
+float *pci_skin_frames_own_row(const pci_skin_frames *w, size_t place);
 
 // Adds up what the patches tell.
 void pci_skin_frames_add(const pci_skin_frames *w, const pci_skin_measures *of_patches,

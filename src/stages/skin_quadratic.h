@@ -13,11 +13,6 @@
 
 #include "stages/skin_driver.h"
 
-// Factor of the Laplacian over the rings that stands for L_r and L_s. L_s resists along an edge,
-// one direction of three: as much in all of them would bound the energy, but make the steps short.
-// With half of the bound or more, sweeps still converge.
-double pci_skin_ring_scale(const double scale[4]);
-
 enum { PCI_SKIN_GROUP = 64 }; // vertices that one thread visits in turn
 
 typedef struct pci_skin_move {
@@ -31,6 +26,7 @@ typedef struct pci_skin_group {
     uint32_t own_count;       // rows of the group
     uint32_t row_count;       // and of all vertices that it knows
     const uint32_t *vertices; // #rows, those of the group first
+    const float *gradient;    // rows of the group by slots: g0
     uint32_t own_bone_count, bone_count;
     size_t stride;          // numbers per row: width by #bones, filled up
     uint32_t *bone_numbers; // #P: 1 + number of the bone, or 0, while the group is loaded
@@ -94,16 +90,16 @@ void pci_skin_quadratic_use(pci_skin_quadratic *quadratic, uint32_t slots);
 
 // Gauss-Seidel over the groups, each swept there and back: every vertex is minimised exactly over
 // the simplex, twice.
-// @param[in]     gradient  #V by slots: g0.
+// @param[in]     gradient  #groups: g0 of the members, by slots.
 // @param[in,out] moved     #V by slots: W - W0.
 // @param[in,out] weights   #V by slots: W.
-void pci_skin_quadratic_sweep(const pci_skin_quadratic *quadratic, const float *gradient,
+void pci_skin_quadratic_sweep(const pci_skin_quadratic *quadratic, float *const *gradient,
                               bool backward, float *moved, double *weights);
 
 // A sweep that takes slots away until each row has `kept`: the one whose loss costs least while the
 // other slots of the row adapt, by the second derivatives (Hassibi, Stork, "Optimal brain surgeon",
 // 1993). Clears their bits in `allowed`, which is the array of the quadratic.
-void pci_skin_quadratic_prune(const pci_skin_quadratic *quadratic, const float *gradient,
+void pci_skin_quadratic_prune(const pci_skin_quadratic *quadratic, float *const *gradient,
                               uint32_t kept, uint32_t *allowed, float *moved, double *weights);
 
 #endif

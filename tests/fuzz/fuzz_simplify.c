@@ -6,7 +6,6 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     soup_bytes bytes = {data, size};
     pc_simplify_options options = pc_default_options().simplify;
     options.vertices = 4 + (uint32_t)soup_size(soup_byte(&bytes), 3, 12);
-    options.rings = true;
     options.narrow_refinement = 1.0 + 0.5 * (soup_byte(&bytes) % 4);
     options.clustering_iterations = 4;
     pc_mesh layer = soup_any(&bytes), proxy = {0};

@@ -80,25 +80,30 @@ static void proxies_are_what_the_garments_are(void **state) {
     }
 }
 
-// The first clusters let a leg of these fall together, .066 of the diagonal from where it was; the
-// largest distance of the next ones is .021.
+// Clusters of one size (tubes get no rings) let a leg of these fall together with three of these
+// seeds, up to .07 of the diagonal from where it was; the next clusters do not.
 static void legs_do_not_fall_together(void **state) {
     (void)state;
     pc_context *context = test_context(2);
     pc_asset asset = {0};
     pc_measures m = {0};
     pc_mesh mesh = sew_make(context, find_garment("trousers"));
-    for (size_t v = 0; v < mesh.vertex_count; ++v) {
-        mesh.positions[3 * v] *= -1.0;
-    }
-    for (size_t t = 0; t < mesh.triangle_count; ++t) {
-        const uint32_t corner = mesh.triangles[3 * t + 1];
-        mesh.triangles[3 * t + 1] = mesh.triangles[3 * t + 2];
-        mesh.triangles[3 * t + 2] = corner;
-    }
     run_to_proxy(context, &mesh, &asset, &m);
-    assert_true(asset.reports.simplify.attempts > 1);
-    assert_true(m.hausdorff < 0.04);
+    size_t again = 0;
+    pc_simplify_options options = pc_default_options().simplify;
+    options.vertices = 96;
+    options.narrow_refinement = 1.0;
+    for (options.seed = 1; options.seed <= 4; ++options.seed) {
+        pc_simplify_report report;
+        pc_mesh proxy = {0};
+        assert_ok(context, pc_simplify(context, &asset.visual, &asset.single_layer, &options,
+                                       &proxy, &report));
+        assert_ok(context, pc_evaluate(context, &asset.visual.surface, &proxy, &m));
+        assert_true(m.hausdorff < 0.045);
+        again += report.attempts > 1;
+        pc_mesh_free(context, &proxy);
+    }
+    assert_int_equal(again, 3);
     pc_mesh_free(context, &mesh);
     pc_asset_free(context, &asset);
     pc_context_destroy(context);

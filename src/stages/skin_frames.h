@@ -45,8 +45,7 @@ bool pci_skin_frames_build(pci_scratch *scratch, const pci_skin_problem *problem
                            const pci_skin_kernel *kernel, size_t block_count,
                            const uint32_t *frames, pci_skin_frames *w);
 
-// Blocks of all frames. Each lane walks through consecutive ones, so the rotations of a frame are a
-// good guess for the next. NULL: out of memory.
+// Blocks of all frames, each with some from the whole motion. NULL: out of memory.
 uint32_t *pci_skin_frames_in_sequence(pci_scratch *scratch, const pci_skin_problem *problem,
                                       size_t *block_count);
 bool pci_skin_frames_build_sequential(pci_scratch *scratch, const pci_skin_problem *problem,

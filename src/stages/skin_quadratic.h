@@ -13,11 +13,6 @@
 
 #include "stages/skin_driver.h"
 
-// Factor of the Laplacian over the rings that stands for L_r and L_s. L_s resists along an edge,
-// one direction of three: as much in all of them would bound the energy, but make the steps short.
-// With half of the bound or more, sweeps still converge.
-double pci_skin_ring_scale(const double scale[4]);
-
 enum { PCI_SKIN_GROUP = 64 }; // vertices that one thread visits in turn
 
 typedef struct pci_skin_move {

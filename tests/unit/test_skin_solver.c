@@ -3,6 +3,7 @@
 #include "stages/skin_alternate.h"
 #include "stages/skin_coarse.h"
 #include "stages/skin_fit.h"
+#include "stages/skin_matrix.h"
 #include "stages/skin_simplex.h"
 #include "support/skin_fixture.h"
 

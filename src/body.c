@@ -1,9 +1,9 @@
 // What the visual mesh takes from the skeleton of its character, and how much of it.
 #include "proxycloth/body.h"
 
-#include "core/knn.h"
-#include "core/topology.h"
-#include "core/transfer.h"
+#include "geometry/knn.h"
+#include "geometry/topology.h"
+#include "geometry/transfer.h"
 
 static const char module[] = "body";
 

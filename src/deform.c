@@ -1,10 +1,10 @@
 #include "proxycloth/deform.h"
 
 #include "core/core.h"
-#include "core/rotation.h"
-#include "core/topology.h"
-#include "core/transfer.h"
 #include "deform_kernel.h"
+#include "geometry/rotation.h"
+#include "geometry/topology.h"
+#include "geometry/transfer.h"
 
 static const char stage[] = "deform";
 

@@ -1,12 +1,12 @@
 #include "proxycloth/evaluate.h"
 
-#include "core/bvh.h"
 #include "core/core.h"
-#include "core/crossing.h"
-#include "core/hausdorff.h"
-#include "core/hems.h"
-#include "core/topology.h"
 #include "core/union_find.h"
+#include "geometry/bvh.h"
+#include "geometry/crossing.h"
+#include "geometry/hausdorff.h"
+#include "geometry/hems.h"
+#include "geometry/topology.h"
 
 static const char stage[] = "evaluate";
 
@@ -87,8 +87,8 @@ static pc_status check_mesh(pc_context *context, const pc_mesh *mesh, const char
         for (size_t k = 0; k < 3; ++k) {
             if (!(fabs(mesh->positions[3 * (size_t)v + k]) <= PCI_FARTHEST)) {
                 return pci_fail(context, PC_ERROR_INVALID_MESH, stage,
-                                "%s: vertex %u of the %s mesh is not finite or too large", stage,
-                                v, name);
+                                "%s: vertex %u of the %s mesh is not finite or too large", stage, v,
+                                name);
             }
         }
     }

@@ -3,9 +3,9 @@
 #include <stdlib.h>
 
 #include "core/core.h"
-#include "core/crossing.h"
-#include "core/rotation.h"
-#include "core/topology.h"
+#include "geometry/crossing.h"
+#include "geometry/rotation.h"
+#include "geometry/topology.h"
 #include "proxycloth/baselines.h"
 
 static const char stage[] = "evaluate";

@@ -2,10 +2,10 @@
 
 #include <stdlib.h>
 
-#include "core/bvh.h"
-#include "core/knn.h"
-#include "core/topology.h"
 #include "core/union_find.h"
+#include "geometry/bvh.h"
+#include "geometry/knn.h"
+#include "geometry/topology.h"
 
 static const char name[] = "parts";
 

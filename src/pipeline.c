@@ -2,9 +2,9 @@
 #include "proxycloth/pipeline.h"
 
 #include "asset.h"
-#include "core/bvh.h"
 #include "core/clock.h"
 #include "core/core.h"
+#include "geometry/bvh.h"
 
 static pc_status run_step(pc_context *context, pc_stage stage, pc_asset *a) {
     const pc_options *o = &a->options;

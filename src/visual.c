@@ -2,7 +2,7 @@
 #include <stdlib.h>
 
 #include "core/core.h"
-#include "core/topology.h"
+#include "geometry/topology.h"
 #include "proxycloth/pipeline.h"
 
 static const pc_field report_fields[] = {

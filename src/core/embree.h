@@ -1,5 +1,5 @@
-#ifndef CORE_EMBREE_H
-#define CORE_EMBREE_H
+#ifndef PCI_EMBREE_H
+#define PCI_EMBREE_H
 
 // Configuration of Embree's devices. In a file of its own, so that a test can put another one in
 // its place.

@@ -1,8 +1,8 @@
 #include <stdio.h>
 
 #include "core/core.h"
-#include "core/render.h"
-#include "core/topology.h"
+#include "geometry/render.h"
+#include "geometry/topology.h"
 #include "io/lettering.h"
 #include "io/pictures.h"
 #include "io/png_image.h"

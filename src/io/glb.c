@@ -4,9 +4,9 @@
 // rotation channels on the same joints it is linear blend skinning as in pc_skin_deform.
 #include <stdio.h>
 
-#include "core/rotation.h"
-#include "core/topology.h"
-#include "core/transfer.h"
+#include "geometry/rotation.h"
+#include "geometry/topology.h"
+#include "geometry/transfer.h"
 #include "io/asset_table.h"
 #include "io/atomic_file.h"
 #include "io/glb_writer.h"

@@ -1,8 +1,8 @@
 // The skeleton of the character in the file: its joints behind those of the proxy, with the names
 // and the tree of the input. In the rest pose all of them only translate, so the inverse bind
 // matrices do too.
-#include "core/pose.h"
-#include "core/rotation.h"
+#include "geometry/pose.h"
+#include "geometry/rotation.h"
 #include "io/glb_writer.h"
 
 #define STAGE "export"

@@ -4,8 +4,8 @@
 #include <stdarg.h>
 #include <stdio.h>
 
-#include "core/knn.h"
-#include "core/topology.h"
+#include "geometry/knn.h"
+#include "geometry/topology.h"
 #include "io/json.h"
 #include "proxycloth/evaluate_motion.h"
 

@@ -3,7 +3,7 @@
 #ifndef PCI_LETTERING_H
 #define PCI_LETTERING_H
 
-#include "core/render.h"
+#include "geometry/render.h"
 
 // Width of a line of text whose capitals are `height` pixels high.
 double pci_text_width(const char *text, double height);

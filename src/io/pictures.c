@@ -2,8 +2,8 @@
 
 #include <stdio.h>
 
-#include "core/rotation.h"
-#include "core/topology.h"
+#include "geometry/rotation.h"
+#include "geometry/topology.h"
 #include "io/lettering.h"
 
 #define AZIMUTH   0.44 // radians to the side of the front: a three-quarter view

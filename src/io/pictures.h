@@ -3,7 +3,7 @@
 #define PCI_PICTURES_H
 
 #include "core/core.h"
-#include "core/render.h"
+#include "geometry/render.h"
 #include "proxycloth/pipeline.h"
 
 #define PCI_LARGEST_STRETCH 0.3 // where the colours of stretch end

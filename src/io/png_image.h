@@ -2,7 +2,7 @@
 #ifndef PCI_PNG_IMAGE_H
 #define PCI_PNG_IMAGE_H
 
-#include "core/render.h"
+#include "geometry/render.h"
 
 // Writes an sRGB image without time stamp: equal pixels give equal bytes.
 // @return PC_OK; PC_ERROR_IO; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY (libpng failed).

@@ -2,7 +2,7 @@
 #include <stdio.h>
 
 #include "core/core.h"
-#include "core/render.h"
+#include "geometry/render.h"
 #include "io/lettering.h"
 #include "io/pictures.h"
 #include "io/png_image.h"

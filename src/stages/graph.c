@@ -1,7 +1,7 @@
 #include "proxycloth/graph.h"
 
-#include "core/bvh.h"
-#include "core/topology.h"
+#include "geometry/bvh.h"
+#include "geometry/topology.h"
 
 static const char stage[] = "graph";
 

@@ -1,7 +1,7 @@
 #include "proxycloth/isosurface.h"
 
-#include "core/topology.h"
-#include "stages/voxelize_internal.h"
+#include "geometry/topology.h"
+#include "stages/marching_cubes.h"
 
 static const char stage[] = "isosurface";
 

@@ -4,8 +4,8 @@
 
 #include "core/clock.h"
 #include "core/core.h"
-#include "core/signed_solve.h"
 #include "core/union_find.h"
+#include "solvers/signed_solve.h"
 #include "stages/label_check.h"
 
 #define OPTIMAL_GAP     1e-6

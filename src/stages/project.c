@@ -1,8 +1,8 @@
 #include "proxycloth/project.h"
 
-#include "core/bvh.h"
-#include "core/sparse.h"
-#include "core/topology.h"
+#include "geometry/bvh.h"
+#include "geometry/topology.h"
+#include "solvers/sparse.h"
 
 static const char stage[] = "project";
 

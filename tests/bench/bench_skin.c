@@ -9,9 +9,9 @@
 #include <malloc.h>
 #include <time.h>
 
-#include "core/topology.h"
-#include "stages/skin_alternate.h"
-#include "stages/skin_fit.h"
+#include "geometry/topology.h"
+#include "stages/skin/skin_alternate.h"
+#include "stages/skin/skin_fit.h"
 #include "support/garment.h"
 #include "support/peak.h"
 

@@ -5,9 +5,9 @@
 
 #include <stdlib.h>
 
-#include "core/bvh.h"
 #include "core/clock.h"
 #include "core/core.h"
+#include "geometry/bvh.h"
 
 // Seconds of one thread per operation.
 typedef struct limits {

@@ -2,7 +2,7 @@
 #ifndef TEST_SUPPORT_MANIFOLD_H
 #define TEST_SUPPORT_MANIFOLD_H
 
-#include "core/topology.h"
+#include "geometry/topology.h"
 #include "support/test.h"
 
 // Fails unless the mesh is a consistently oriented manifold with boundary that uses each of its

@@ -2,7 +2,7 @@
 #ifndef TEST_SUPPORT_PROXY_SHAPE_H
 #define TEST_SUPPORT_PROXY_SHAPE_H
 
-#include "core/topology.h"
+#include "geometry/topology.h"
 #include "support/manifold.h"
 #include "support/test.h"
 

@@ -5,7 +5,7 @@
 
 #include <stdlib.h>
 
-#include "core/topology.h"
+#include "geometry/topology.h"
 #include "proxycloth/isosurface.h"
 #include "support/surfaces.h"
 

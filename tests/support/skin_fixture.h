@@ -3,7 +3,7 @@
 #define TEST_SUPPORT_SKIN_FIXTURE_H
 
 #include "proxycloth/skin.h"
-#include "stages/skin_internal.h"
+#include "stages/skin/skin_internal.h"
 #include "support/fixture.h"
 #include "support/obj.h"
 #include "support/test.h"

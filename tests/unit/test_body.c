@@ -1,8 +1,8 @@
 #define _POSIX_C_SOURCE 200809L
 // The body's skin: weights carried over from the body, shares of the proxy, both skeletons in a
 // GLB.
-#include "core/topology.h"
-#include "core/transfer.h"
+#include "geometry/topology.h"
+#include "geometry/transfer.h"
 #include "support/character_fixture.h"
 #include "support/glb.h"
 #include "support/memory.h"

@@ -1,9 +1,9 @@
 #include "support/test.h"
 
-#include "core/bvh.h"
-#include "core/hems.h"
-#include "core/topology.h"
-#include "stages/border.h"
+#include "geometry/bvh.h"
+#include "geometry/hems.h"
+#include "geometry/topology.h"
+#include "stages/carve/border.h"
 #include "support/memory.h"
 #include "support/surfaces.h"
 

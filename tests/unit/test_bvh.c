@@ -1,9 +1,9 @@
-#include "core/bvh.h"
+#include "geometry/bvh.h"
 
 #include <stdlib.h>
 
 #include "core/clock.h"
-#include "core/topology.h"
+#include "geometry/topology.h"
 #include "support/surfaces.h"
 #include "support/test.h"
 

@@ -1,7 +1,7 @@
 #include "support/test.h"
 
-#include "core/topology.h"
-#include "stages/folds.h"
+#include "geometry/topology.h"
+#include "stages/carve/folds.h"
 #include "support/manifold.h"
 #include "support/memory.h"
 #include "support/shapes.h"

@@ -1,7 +1,7 @@
 #define _POSIX_C_SOURCE 200809L
 #include <png.h>
 
-#include "core/render.h"
+#include "geometry/render.h"
 #include "io/lettering.h"
 #include "io/png_image.h"
 #include "support/asset_fixture.h"

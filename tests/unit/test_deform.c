@@ -1,7 +1,7 @@
 #define _POSIX_C_SOURCE 200809L
-#include "core/rotation.h"
-#include "core/topology.h"
 #include "deform_kernel.h"
+#include "geometry/rotation.h"
+#include "geometry/topology.h"
 #include "support/character_fixture.h"
 #include "support/glb.h"
 #include "support/memory.h"

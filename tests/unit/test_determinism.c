@@ -2,7 +2,7 @@
 // every instruction set, ours and Embree's.
 #define _POSIX_C_SOURCE 200809L
 #include "core/embree.h"
-#include "stages/skin_kernel.h"
+#include "stages/skin/skin_kernel.h"
 #include "support/files.h"
 #include "support/surfaces.h"
 

@@ -1,5 +1,5 @@
-#include "core/distance_field.h"
-#include "core/topology.h"
+#include "geometry/distance_field.h"
+#include "geometry/topology.h"
 #include "support/shapes.h"
 
 static void winding_numbers_tell_inside_from_outside(void **state) {

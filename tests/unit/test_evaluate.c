@@ -1,7 +1,7 @@
-#include "core/bvh.h"
-#include "core/crossing.h"
-#include "core/hausdorff.h"
-#include "core/topology.h"
+#include "geometry/bvh.h"
+#include "geometry/crossing.h"
+#include "geometry/hausdorff.h"
+#include "geometry/topology.h"
 #include "support/memory.h"
 #include "support/test.h"
 

@@ -1,6 +1,6 @@
 #define _POSIX_C_SOURCE 200809L
-#include "core/crossing.h"
-#include "core/topology.h"
+#include "geometry/crossing.h"
+#include "geometry/topology.h"
 #include "support/glb.h"
 #include "support/memory.h"
 

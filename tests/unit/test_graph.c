@@ -1,6 +1,6 @@
 #include <stdlib.h>
 
-#include "core/topology.h"
+#include "geometry/topology.h"
 #include "support/memory.h"
 #include "support/obj.h"
 #include "support/shapes.h"

@@ -1,7 +1,7 @@
 // Parts of a garment that lie on larger ones.
 #include "support/test.h"
 
-#include "stages/hidden.h"
+#include "stages/carve/hidden.h"
 #include "support/memory.h"
 #include "support/sewing.h"
 

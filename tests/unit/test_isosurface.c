@@ -1,6 +1,6 @@
 #include <stdlib.h>
 
-#include "core/crossing.h"
+#include "geometry/crossing.h"
 #include "support/memory.h"
 
 // ---- grids --------------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 // The paper's comparison: edge collapses with skinning weights in the loop.
 #include "support/test.h"
 
-#include "core/quadric.h"
+#include "geometry/quadric.h"
 #include "proxycloth/proxycloth.h"
 #include "support/proxy_shape.h"
 #include "support/surfaces.h"

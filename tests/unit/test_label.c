@@ -3,11 +3,11 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "core/cycle_bound.h"
-#include "core/cycle_search.h"
-#include "core/elimination.h"
-#include "core/maxflow.h"
-#include "core/roof_duality.h"
+#include "solvers/cycle_bound.h"
+#include "solvers/cycle_search.h"
+#include "solvers/elimination.h"
+#include "solvers/maxflow.h"
+#include "solvers/roof_duality.h"
 #include "support/memory.h"
 
 // ---- small graphs -----------------------------------------------------------------------------

@@ -1,8 +1,8 @@
 // Linings that hang together with the cloth: what is peeled, and what are two sides of a garment.
 #include "support/test.h"
 
-#include "core/manifold.h"
-#include "stages/lining.h"
+#include "geometry/manifold.h"
+#include "stages/carve/lining.h"
 #include "support/manifold.h"
 #include "support/memory.h"
 #include "support/surfaces.h"

@@ -1,5 +1,5 @@
 // Repair of crowded edges.
-#include "core/manifold.h"
+#include "geometry/manifold.h"
 #include "support/manifold.h"
 #include "support/test.h"
 

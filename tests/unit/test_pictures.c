@@ -1,7 +1,7 @@
 #define _POSIX_C_SOURCE 200809L
 #include <png.h>
 
-#include "core/topology.h"
+#include "geometry/topology.h"
 #include "io/pictures.h"
 #include "support/asset_fixture.h"
 #include "support/files.h"

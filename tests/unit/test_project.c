@@ -1,7 +1,7 @@
 #include <stdlib.h>
 
-#include "core/bvh.h"
-#include "core/topology.h"
+#include "geometry/bvh.h"
+#include "geometry/topology.h"
 #include "support/memory.h"
 #include "support/obj.h"
 #include "support/shapes.h"

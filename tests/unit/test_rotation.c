@@ -1,4 +1,4 @@
-#include "core/rotation.h"
+#include "geometry/rotation.h"
 
 #include "support/memory.h"
 #include "support/tube.h"

@@ -1,8 +1,8 @@
 // Cloth modelled with its thickness: what is peeled, and what is a solid.
 #include "support/test.h"
 
-#include "core/manifold.h"
-#include "stages/shells.h"
+#include "geometry/manifold.h"
+#include "stages/carve/shells.h"
 #include "support/manifold.h"
 #include "support/memory.h"
 #include "support/sewing.h"

@@ -1,8 +1,8 @@
 #include "support/test.h"
 
-#include "core/bvh.h"
-#include "core/topology.h"
-#include "stages/density.h"
+#include "geometry/bvh.h"
+#include "geometry/topology.h"
+#include "stages/simplify/density.h"
 #include "support/memory.h"
 #include "support/proxy_shape.h"
 #include "support/surfaces.h"

@@ -1,6 +1,6 @@
 #include "support/test.h"
 
-#include "stages/simulate_internal.h"
+#include "stages/simulate/simulate_internal.h"
 #include "support/fixture.h"
 #include "support/obj.h"
 

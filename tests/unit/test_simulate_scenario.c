@@ -1,5 +1,5 @@
 // Scenarios at work: winds, pins, attachment, colliders.
-#include "stages/simulate_internal.h"
+#include "stages/simulate/simulate_internal.h"
 #include "support/character_fixture.h"
 #include "support/memory.h"
 

@@ -1,5 +1,5 @@
 // Contacts of the cloth with itself, in the simulation stage.
-#include "core/crossing.h"
+#include "geometry/crossing.h"
 #include "proxycloth/simulate.h"
 #include "support/memory.h"
 #include "support/surfaces.h"

@@ -1,5 +1,5 @@
 #include "proxycloth/baselines.h"
-#include "stages/skin_join.h"
+#include "stages/skin/skin_join.h"
 #include "support/memory.h"
 #include "support/skin_fixture.h"
 #include "support/surfaces.h"

@@ -1,6 +1,6 @@
 #include "support/test.h"
 
-#include "core/knn.h"
+#include "geometry/knn.h"
 #include "support/skin_fixture.h"
 
 static double norm_of(const double *x, size_t count) {

@@ -1,6 +1,6 @@
 // Loose parts upon each other: what ties them, and that they keep their gap.
-#include "core/bvh.h"
-#include "stages/skin_layers.h"
+#include "geometry/bvh.h"
+#include "stages/skin/skin_layers.h"
 #include "support/skin_fixture.h"
 #include "support/tube.h"
 

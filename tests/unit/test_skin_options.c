@@ -1,6 +1,6 @@
 // What single options of the weights are for, one test each.
 #include "proxycloth/baselines.h"
-#include "stages/skin_internal.h"
+#include "stages/skin/skin_internal.h"
 #include "support/skin_fixture.h"
 #include "support/tube.h"
 

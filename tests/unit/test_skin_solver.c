@@ -1,10 +1,10 @@
 #include "proxycloth/baselines.h"
 #include "proxycloth/evaluate_motion.h"
-#include "stages/skin_alternate.h"
-#include "stages/skin_coarse.h"
-#include "stages/skin_fit.h"
-#include "stages/skin_matrix.h"
-#include "stages/skin_simplex.h"
+#include "stages/skin/skin_alternate.h"
+#include "stages/skin/skin_coarse.h"
+#include "stages/skin/skin_fit.h"
+#include "stages/skin/skin_matrix.h"
+#include "stages/skin/skin_simplex.h"
 #include "support/skin_fixture.h"
 
 // ---- programs on the simplex --------------------------------------------------------------------

@@ -1,6 +1,6 @@
 #include <stdlib.h>
 
-#include "core/sparse.h"
+#include "solvers/sparse.h"
 #include "support/memory.h"
 
 // A sparse symmetric matrix in memory of its own.

@@ -1,6 +1,6 @@
-#include "core/topology.h"
+#include "geometry/topology.h"
 
-#include "core/locality.h"
+#include "geometry/locality.h"
 #include "support/test.h"
 
 #include <stdlib.h>

@@ -1,10 +1,10 @@
 #include "support/test.h"
 
-#include "core/crossing.h"
-#include "core/topology.h"
-#include "stages/improve.h"
-#include "stages/separate.h"
-#include "stages/untangle.h"
+#include "geometry/crossing.h"
+#include "geometry/topology.h"
+#include "stages/simplify/improve.h"
+#include "stages/simplify/separate.h"
+#include "stages/simplify/untangle.h"
 #include "support/surfaces.h"
 
 static const double spacing = 0.1;

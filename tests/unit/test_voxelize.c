@@ -2,7 +2,7 @@
 
 #include <stdlib.h>
 
-#include "core/bvh.h"
+#include "geometry/bvh.h"
 #include "support/surfaces.h"
 
 // ---- surfaces -----------------------------------------------------------------------------------

@@ -1,0 +1,293 @@
+#include "geometry/rim.h"
+
+#include <stdlib.h>
+
+#include "geometry/topology.h"
+
+enum { most_triangles = 2048, most_candidates = 1 << 16, edge_grain = 64 };
+
+typedef struct ball {
+    double centre[3], radius;
+    double area, moment[3]; // of the surface inside, about the centre
+} ball;
+
+// A plane figure: its area and first moment about the origin.
+typedef struct figure {
+    double area, moment[2];
+} figure;
+
+// Adds the triangle between the origin and the side a b; negative when it runs clockwise.
+static void add_wedge(figure *f, const double a[2], const double b[2]) {
+    const double area = 0.5 * (a[0] * b[1] - a[1] * b[0]);
+    f->area += area;
+    for (size_t k = 0; k < 2; ++k) {
+        f->moment[k] += area * (a[k] + b[k]) / 3.0;
+    }
+}
+
+// The same for the sector of a circle between the directions of a and b.
+static void add_sector(figure *f, double radius, const double a[2], const double b[2]) {
+    const double angle = atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1]);
+    const double lengths[2] = {sqrt(a[0] * a[0] + a[1] * a[1]), sqrt(b[0] * b[0] + b[1] * b[1])};
+    if (!(lengths[0] > 0.0 && lengths[1] > 0.0)) {
+        return;
+    }
+    f->area += 0.5 * radius * radius * angle;
+    const double third = radius * radius * radius / 3.0;
+    f->moment[0] += third * (b[1] / lengths[1] - a[1] / lengths[0]);
+    f->moment[1] -= third * (b[0] / lengths[1] - a[0] / lengths[0]);
+}
+
+// Adds what lies between the origin and the directed side a b, inside the circle.
+static void add_side(figure *f, double radius, const double a[2], const double b[2]) {
+    const double d[2] = {b[0] - a[0], b[1] - a[1]};
+    const double length2 = d[0] * d[0] + d[1] * d[1];
+    if (!(length2 > 0.0)) {
+        return;
+    }
+    // Most sides are inside as a whole: with some room, so that rounding leaves no doubt.
+    const double inside = (1.0 - 1e-9) * radius * radius;
+    if (a[0] * a[0] + a[1] * a[1] < inside && b[0] * b[0] + b[1] * b[1] < inside) {
+        const double end[2] = {a[0] + d[0], a[1] + d[1]};
+        add_wedge(f, a, end);
+        return;
+    }
+    // The side is inside for parameters from `enter` to `leave`.
+    const double middle = -(a[0] * d[0] + a[1] * d[1]) / length2;
+    const double cross = a[0] * d[1] - a[1] * d[0];
+    const double half2 = (radius * radius - cross * cross / length2) / length2;
+    const double half = half2 > 0.0 ? sqrt(half2) : 0.0;
+    const double enter = fmin(fmax(middle - half, 0.0), 1.0);
+    const double leave = fmin(fmax(middle + half, 0.0), 1.0);
+    if (!(enter < leave)) {
+        add_sector(f, radius, a, b);
+        return;
+    }
+    const double p[2] = {a[0] + enter * d[0], a[1] + enter * d[1]};
+    const double q[2] = {a[0] + leave * d[0], a[1] + leave * d[1]};
+    add_wedge(f, p, q);
+    if (enter > 0.0) {
+        add_sector(f, radius, a, p);
+    }
+    if (leave < 1.0) {
+        add_sector(f, radius, q, b);
+    }
+}
+
+// Adds the part of a triangle inside the ball: in its plane, that inside a circle.
+static void add_triangle(ball *b, const double corners[3][3]) {
+    double u[3], v[3], normal[3], from[3];
+    pci_sub(corners[1], corners[0], u);
+    pci_sub(corners[2], corners[0], v);
+    pci_cross(u, v, normal);
+    if (!pci_normalize(normal) || !pci_normalize(u)) {
+        return;
+    }
+    pci_cross(normal, u, v);
+    pci_sub(corners[0], b->centre, from);
+    const double height = pci_dot(from, normal);
+    const double square = b->radius * b->radius - height * height;
+    if (!(square > 0.0)) {
+        return;
+    }
+    double flat[3][2];
+    for (size_t k = 0; k < 3; ++k) {
+        pci_sub(corners[k], b->centre, from);
+        flat[k][0] = pci_dot(from, u), flat[k][1] = pci_dot(from, v);
+    }
+    figure f = {0};
+    const double radius = sqrt(square);
+    for (size_t k = 0; k < 3; ++k) {
+        add_side(&f, radius, flat[k], flat[(k + 1) % 3]);
+    }
+    b->area += f.area;
+    for (size_t k = 0; k < 3; ++k) {
+        b->moment[k] += f.moment[0] * u[k] + f.moment[1] * v[k] + f.area * height * normal[k];
+    }
+}
+
+// Shell's method: a list of some hundred numbers is sorted before qsort has copied it.
+static void sort_numbers(uint32_t *list, size_t count) {
+    static const size_t gaps[] = {701, 301, 132, 57, 23, 10, 4, 1};
+    for (size_t g = 0; g < sizeof(gaps) / sizeof(gaps[0]); ++g) {
+        const size_t gap = gaps[g];
+        for (size_t i = gap; i < count; ++i) {
+            const uint32_t number = list[i];
+            size_t at = i;
+            for (; at >= gap && list[at - gap] > number; at -= gap) {
+                list[at] = list[at - gap];
+            }
+            list[at] = number;
+        }
+    }
+}
+
+double pci_one_sided(const pci_bvh *bvh, const pc_mesh *mesh, const double point[3],
+                     double radius) {
+    uint32_t triangles[most_triangles];
+    size_t count = pci_bvh_collect(bvh, point, radius, most_triangles, triangles);
+    for (int i = 0; i < 8 && count > most_triangles; ++i) {
+        radius *= 0.5;
+        count = pci_bvh_collect(bvh, point, radius, most_triangles, triangles);
+    }
+    if (count > most_triangles) {
+        return 0.0;
+    }
+    sort_numbers(triangles, count); // so that sums do not depend on their order
+    ball b = {.centre = {point[0], point[1], point[2]}, .radius = radius};
+    for (size_t i = 0; i < count; ++i) {
+        double corners[3][3];
+        for (size_t k = 0; k < 3; ++k) {
+            memcpy(corners[k], &mesh->positions[3 * (size_t)mesh->triangles[3 * triangles[i] + k]],
+                   sizeof(corners[k]));
+        }
+        add_triangle(&b, (const double(*)[3])corners);
+    }
+    return b.area > 0.0 ? pci_norm(b.moment) / (b.area * radius) : 0.0;
+}
+
+// ---- rim points ---------------------------------------------------------------------------------
+
+// An edge may be a rim when it has one triangle, more than two, or bends by more than 60 degrees.
+static bool may_be_rim(const pc_mesh *mesh, const pci_topology *topology, size_t edge) {
+    const size_t first = topology->edge_triangle_offsets[edge];
+    if (topology->edge_triangle_offsets[edge + 1] - first != 2) {
+        return true;
+    }
+    double normals[2][3], along[3];
+    const uint32_t *ends = &topology->edges[2 * edge];
+    pci_sub(&mesh->positions[3 * (size_t)ends[1]], &mesh->positions[3 * (size_t)ends[0]], along);
+    double wings[2][3]; // from the edge into each triangle, square to the edge
+    for (size_t side = 0; side < 2; ++side) {
+        const uint32_t *corner = &mesh->triangles[3 * topology->edge_triangles[first + side]];
+        uint32_t apex = corner[0];
+        for (size_t k = 0; k < 3; ++k) {
+            apex = corner[k] != ends[0] && corner[k] != ends[1] ? corner[k] : apex;
+        }
+        pci_sub(&mesh->positions[3 * (size_t)apex], &mesh->positions[3 * (size_t)ends[0]],
+                wings[side]);
+        pci_cross(along, wings[side], normals[side]);
+        if (!pci_normalize(normals[side])) {
+            return true;
+        }
+    }
+    return pci_dot(normals[0], normals[1]) > -0.5; // -1 where flat
+}
+
+typedef struct cell_point {
+    uint64_t cell, index;
+} cell_point;
+
+static int compare_cells(const void *left, const void *right) {
+    const cell_point *a = left, *b = right;
+    return a->cell != b->cell ? (a->cell > b->cell) - (a->cell < b->cell)
+                              : (a->index > b->index) - (a->index < b->index);
+}
+
+// Keeps the first point in each cube of side `spacing`, so that the edges of a soup, which fill
+// space, cost no more than space holds. False: out of memory.
+static bool thin_out(pci_scratch *scratch, double *points, size_t *count, double spacing) {
+    double least[3] = {INFINITY, INFINITY, INFINITY};
+    cell_point *cells = PCI_SCRATCH(scratch, cell_point, *count);
+    uint8_t *kept = PCI_SCRATCH(scratch, uint8_t, *count);
+    if (scratch->failed) {
+        return false;
+    }
+    for (size_t i = 0; i < 3 * *count; ++i) {
+        least[i % 3] = fmin(least[i % 3], points[i]);
+    }
+    for (size_t i = 0; i < *count; ++i) {
+        uint64_t cell = 0;
+        for (size_t k = 0; k < 3; ++k) {
+            const double steps = (points[3 * i + k] - least[k]) / spacing;
+            cell = cell << 21 | (uint64_t)fmin(steps, (double)((1 << 21) - 1));
+        }
+        cells[i] = (cell_point){cell, i};
+    }
+    qsort(cells, *count, sizeof(*cells), compare_cells);
+    for (size_t i = 0; i < *count; ++i) {
+        kept[cells[i].index] = i == 0 || cells[i].cell != cells[i - 1].cell;
+    }
+    size_t left = 0;
+    for (size_t i = 0; i < *count; ++i) {
+        if (kept[i]) {
+            memmove(&points[3 * left++], &points[3 * i], 3 * sizeof(double));
+        }
+    }
+    *count = left;
+    return true;
+}
+
+typedef struct rim_job {
+    const pci_bvh *bvh;
+    const pc_mesh *mesh;
+    double radius;
+    const double *candidates;
+    uint8_t *on_rim;
+} rim_job;
+
+static void test_candidates(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const rim_job *job = user;
+    for (size_t i = begin; i < end; ++i) {
+        job->on_rim[i] = pci_one_sided(job->bvh, job->mesh, &job->candidates[3 * i], job->radius) >
+                         PCI_RIM_ONE_SIDED;
+    }
+}
+
+pc_status pci_rim_points(pci_scratch *scratch, const char *stage, const pci_bvh *bvh,
+                         const pc_mesh *mesh, double radius, double spacing, size_t *count,
+                         double **points) {
+    pci_topology topology;
+    void *candidates = NULL;
+    size_t candidate_count = 0, capacity = 0;
+    if (!pci_topology_build_edges(scratch, mesh, &topology)) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    for (size_t e = 0; e < topology.edge_count; ++e) {
+        if (!may_be_rim(mesh, &topology, e)) {
+            continue;
+        }
+        const double *a = &mesh->positions[3 * (size_t)topology.edges[2 * e]];
+        const double *b = &mesh->positions[3 * (size_t)topology.edges[2 * e + 1]];
+        const size_t pieces = 1 + (size_t)(sqrt(pci_squared_distance(a, b)) / spacing);
+        if (!pci_scratch_reserve(scratch, &candidates, &capacity, candidate_count + pieces,
+                                 3 * sizeof(double))) {
+            return pci_fail_memory(scratch->context, stage);
+        }
+        for (size_t i = 0; i < pieces; ++i) {
+            const double share = ((double)i + 0.5) / (double)pieces;
+            for (size_t k = 0; k < 3; ++k) {
+                ((double *)candidates)[3 * candidate_count + k] = a[k] + share * (b[k] - a[k]);
+            }
+            ++candidate_count;
+        }
+    }
+    // Edges of a dense mesh are shorter than points of a rim need to be apart.
+    if (candidate_count > 1 && !thin_out(scratch, candidates, &candidate_count, 0.5 * spacing)) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    for (double side = spacing; candidate_count > most_candidates; side *= 2.0) {
+        if (!thin_out(scratch, candidates, &candidate_count, side)) {
+            return pci_fail_memory(scratch->context, stage);
+        }
+    }
+    uint8_t *on_rim = PCI_SCRATCH(scratch, uint8_t, candidate_count);
+    if (on_rim == NULL) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    rim_job job = {bvh, mesh, radius, candidates, on_rim};
+    if (!pci_parallel_while_wanted(scratch->context, candidate_count, edge_grain, test_candidates,
+                                   &job)) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    *points = candidates;
+    *count = 0;
+    for (size_t i = 0; i < candidate_count; ++i) {
+        if (on_rim[i]) {
+            memmove(&(*points)[3 * *count], &(*points)[3 * i], 3 * sizeof(double));
+            ++*count;
+        }
+    }
+    return PC_OK;
+}

@@ -1,0 +1,585 @@
+#include "geometry/topology.h"
+
+#include <stdlib.h>
+
+#include "core/sorting.h"
+#include "core/union_find.h"
+
+// Turns counts stored at [i + 1] into offsets.
+static void accumulate(size_t *offsets, size_t count) {
+    for (size_t i = 0; i < count; ++i) {
+        offsets[i + 1] += offsets[i];
+    }
+}
+
+// Ends of the half-edge from corner c to the next one, smaller vertex first.
+static void half_edge_ends(const pc_mesh *mesh, size_t half, uint32_t ends[2]) {
+    const uint32_t a = mesh->triangles[half];
+    const uint32_t b = mesh->triangles[half % 3 == 2 ? half - 2 : half + 1];
+    ends[0] = a < b ? a : b;
+    ends[1] = a < b ? b : a;
+}
+
+// A half-edge in the row of its smaller vertex.
+typedef struct half_entry {
+    uint32_t second; // the larger vertex
+    uint32_t half;
+} half_entry;
+
+static int compare_entries(const void *left, const void *right) {
+    const half_entry *a = left, *b = right;
+    return a->second != b->second ? (a->second > b->second) - (a->second < b->second)
+                                  : (a->half > b->half) - (a->half < b->half);
+}
+
+// Orders a row by (second, half); the halves rise.
+static void sort_row(half_entry *row, size_t count) {
+    enum { most_inserted = 32 };
+    if (count > most_inserted) {
+        qsort(row, count, sizeof(*row), compare_entries);
+        return;
+    }
+    for (size_t i = 1; i < count; ++i) {
+        const half_entry entry = row[i];
+        size_t at = i;
+        for (; at > 0 && row[at - 1].second > entry.second; --at) {
+            row[at] = row[at - 1];
+        }
+        row[at] = entry;
+    }
+}
+
+// The half-edges with length in rows by their smaller vertex, ordered: row v is entries[offsets[v]
+// .. offsets[v + 1]). `entries` has room for all, `offsets` is #V + 2. False: cancelled while
+// `watched`.
+static bool sort_half_edges(pc_context *context, const pc_mesh *mesh, bool watched,
+                            half_entry *entries, size_t *offsets) {
+    const size_t half_count = 3 * mesh->triangle_count, nv = mesh->vertex_count;
+    size_t *next = offsets + 1;
+    uint32_t ends[2];
+    for (size_t h = 0; h < half_count; ++h) {
+        half_edge_ends(mesh, h, ends);
+        next[ends[0] + 1] += ends[0] != ends[1];
+    }
+    accumulate(next, nv);
+    if (watched && !pci_keep_going(context)) {
+        return false;
+    }
+    for (size_t h = 0; h < half_count; ++h) {
+        half_edge_ends(mesh, h, ends);
+        if (ends[0] != ends[1]) {
+            entries[next[ends[0]]++] = (half_entry){ends[1], (uint32_t)h};
+        }
+    }
+    if (watched && !pci_keep_going(context)) {
+        return false;
+    }
+    for (size_t v = 0; v < nv; ++v) {
+        sort_row(&entries[offsets[v]], offsets[v + 1] - offsets[v]);
+    }
+    return !watched || pci_keep_going(context);
+}
+
+// Edges, edges of triangles and triangles of edges from the ordered half-edges.
+static bool build_edges(pci_scratch *scratch, const pc_mesh *mesh, const half_entry *entries,
+                        const size_t *offsets, pci_topology *topology) {
+    const size_t half_count = 3 * mesh->triangle_count;
+    topology->triangle_edges = PCI_SCRATCH(scratch, uint32_t, half_count);
+    topology->edge_triangles = PCI_SCRATCH(scratch, uint32_t, half_count);
+    for (size_t v = 0; v < mesh->vertex_count; ++v) {
+        for (size_t i = offsets[v]; i < offsets[v + 1]; ++i) {
+            topology->edge_count += i == offsets[v] || entries[i].second != entries[i - 1].second;
+        }
+    }
+    topology->edges = PCI_SCRATCH(scratch, uint32_t, 2 * topology->edge_count);
+    topology->edge_triangle_offsets = PCI_SCRATCH(scratch, size_t, topology->edge_count + 1);
+    if (scratch->failed) {
+        return false;
+    }
+    memset(topology->triangle_edges, 0xff, half_count * sizeof(uint32_t));
+    size_t edge = 0, written = 0;
+    for (size_t v = 0; v < mesh->vertex_count; ++v) {
+        for (size_t i = offsets[v]; i < offsets[v + 1]; ++i) {
+            const uint32_t t = entries[i].half / 3;
+            const bool first = i == offsets[v] || entries[i].second != entries[i - 1].second;
+            if (first) {
+                topology->edges[2 * edge] = (uint32_t)v;
+                topology->edges[2 * edge++ + 1] = entries[i].second;
+            }
+            topology->triangle_edges[entries[i].half] = (uint32_t)(edge - 1);
+            // A triangle with a repeated vertex runs along its edge twice.
+            if (first || topology->edge_triangles[written - 1] != t) {
+                topology->edge_triangles[written++] = t;
+            }
+            topology->edge_triangle_offsets[edge] = written;
+        }
+    }
+    return true;
+}
+
+// Whether an earlier corner of the triangle has the same vertex.
+static bool is_repeated(const pc_mesh *mesh, size_t corner) {
+    const uint32_t *of = &mesh->triangles[corner - corner % 3];
+    return (corner % 3 > 0 && of[0] == of[corner % 3]) || (corner % 3 > 1 && of[1] == of[2]);
+}
+
+static bool build_vertex_triangles(pci_scratch *scratch, const pc_mesh *mesh,
+                                   pci_topology *topology) {
+    const size_t half_count = 3 * mesh->triangle_count, nv = mesh->vertex_count;
+    topology->vertex_triangle_offsets = PCI_SCRATCH(scratch, size_t, nv + 1);
+    topology->vertex_triangles = PCI_SCRATCH(scratch, uint32_t, half_count);
+    size_t *next = PCI_SCRATCH(scratch, size_t, nv + 1);
+    if (scratch->failed) {
+        return false;
+    }
+    for (size_t c = 0; c < half_count; ++c) {
+        topology->vertex_triangle_offsets[mesh->triangles[c] + 1] += !is_repeated(mesh, c);
+    }
+    accumulate(topology->vertex_triangle_offsets, nv);
+    memcpy(next, topology->vertex_triangle_offsets, (nv + 1) * sizeof(*next));
+    for (size_t c = 0; c < half_count; ++c) {
+        if (!is_repeated(mesh, c)) {
+            topology->vertex_triangles[next[mesh->triangles[c]]++] = (uint32_t)(c / 3);
+        }
+    }
+    return true;
+}
+
+static bool build_rings(pci_scratch *scratch, size_t vertex_count, pci_topology *topology) {
+    topology->ring_offsets = PCI_SCRATCH(scratch, size_t, vertex_count + 1);
+    topology->ring = PCI_SCRATCH(scratch, uint32_t, 2 * topology->edge_count);
+    size_t *next = PCI_SCRATCH(scratch, size_t, vertex_count + 1);
+    if (scratch->failed) {
+        return false;
+    }
+    for (size_t i = 0; i < 2 * topology->edge_count; ++i) {
+        ++topology->ring_offsets[topology->edges[i] + 1];
+    }
+    accumulate(topology->ring_offsets, vertex_count);
+    memcpy(next, topology->ring_offsets, (vertex_count + 1) * sizeof(*next));
+    // Edges ascend, so first the smaller and then the larger neighbours arrive in order.
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        topology->ring[next[topology->edges[2 * e + 1]]++] = topology->edges[2 * e];
+    }
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        topology->ring[next[topology->edges[2 * e]]++] = topology->edges[2 * e + 1];
+    }
+    return true;
+}
+
+// `watched`: asks between the steps whether to go on.
+static bool build(pci_scratch *scratch, const pc_mesh *mesh, bool watched, pci_topology *topology) {
+    pc_context *context = scratch->context;
+    pci_scratch temporary = pci_scratch_begin(context);
+    memset(topology, 0, sizeof(*topology));
+    half_entry *entries = PCI_SCRATCH(&temporary, half_entry, 3 * mesh->triangle_count);
+    size_t *offsets = PCI_SCRATCH(&temporary, size_t, mesh->vertex_count + 2);
+    const bool good = !temporary.failed &&
+                      sort_half_edges(context, mesh, watched, entries, offsets) &&
+                      build_edges(scratch, mesh, entries, offsets, topology) &&
+                      (!watched || pci_keep_going(context));
+    scratch->failed |= temporary.failed;
+    pci_scratch_end(&temporary);
+    return good;
+}
+
+static bool build_all(pci_scratch *scratch, const pc_mesh *mesh, bool watched,
+                      pci_topology *topology) {
+    pc_context *context = scratch->context;
+    return build(scratch, mesh, watched, topology) &&
+           build_vertex_triangles(scratch, mesh, topology) &&
+           (!watched || pci_keep_going(context)) &&
+           build_rings(scratch, mesh->vertex_count, topology) &&
+           (!watched || pci_keep_going(context));
+}
+
+bool pci_topology_build(pci_scratch *scratch, const pc_mesh *mesh, pci_topology *topology) {
+    return build_all(scratch, mesh, false, topology);
+}
+
+bool pci_topology_build_watched(pci_scratch *scratch, const pc_mesh *mesh, pci_topology *topology) {
+    return build_all(scratch, mesh, true, topology);
+}
+
+bool pci_topology_build_edges(pci_scratch *scratch, const pc_mesh *mesh, pci_topology *topology) {
+    return build(scratch, mesh, true, topology);
+}
+
+double pci_mean_edge_length(const pc_mesh *mesh, const pci_topology *topology) {
+    double sum = 0.0;
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        sum += sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)topology->edges[2 * e]],
+                                         &mesh->positions[3 * (size_t)topology->edges[2 * e + 1]]));
+    }
+    return topology->edge_count > 0 ? sum / (double)topology->edge_count : 0.0;
+}
+
+size_t pci_triangle_components(pci_scratch *scratch, const pc_mesh *mesh,
+                               const pci_topology *topology, uint32_t *component) {
+    const size_t nf = mesh->triangle_count;
+    uint32_t *stack = PCI_SCRATCH(scratch, uint32_t, nf);
+    if (stack == NULL) {
+        return 0;
+    }
+    memset(component, 0xff, nf * sizeof(*component));
+    size_t count = 0;
+    for (size_t start = 0; start < nf; ++start) {
+        if (component[start] != PC_INVALID_INDEX) {
+            continue;
+        }
+        size_t depth = 0;
+        stack[depth++] = (uint32_t)start;
+        component[start] = (uint32_t)count;
+        while (depth > 0) {
+            const size_t t = stack[--depth];
+            for (size_t c = 0; c < 3; ++c) {
+                const uint32_t e = topology->triangle_edges[3 * t + c];
+                if (e == PC_INVALID_INDEX) {
+                    continue;
+                }
+                for (size_t k = topology->edge_triangle_offsets[e];
+                     k < topology->edge_triangle_offsets[e + 1]; ++k) {
+                    const uint32_t other = topology->edge_triangles[k];
+                    if (component[other] == PC_INVALID_INDEX) {
+                        component[other] = (uint32_t)count;
+                        stack[depth++] = other;
+                    }
+                }
+            }
+        }
+        ++count;
+    }
+    return count;
+}
+
+static size_t edge_triangle_count(const pci_topology *topology, size_t e) {
+    return topology->edge_triangle_offsets[e + 1] - topology->edge_triangle_offsets[e];
+}
+
+// Corner of triangle t at vertex v.
+static size_t corner_of(const pc_mesh *mesh, size_t t, uint32_t v) {
+    for (size_t c = 0; c < 2; ++c) {
+        if (mesh->triangles[3 * t + c] == v) {
+            return c;
+        }
+    }
+    return 2;
+}
+
+// Whether a half-edge belongs to one triangle only, and that has three distinct vertices.
+static bool is_border(const pc_mesh *mesh, const pci_topology *topology, size_t half) {
+    const uint32_t e = topology->triangle_edges[half];
+    const size_t last = half - half % 3 + 2;
+    return e != PC_INVALID_INDEX && edge_triangle_count(topology, e) == 1 &&
+           !is_repeated(mesh, last - 1) && !is_repeated(mesh, last);
+}
+
+bool pci_boundary_loops(pci_scratch *scratch, const pc_mesh *mesh, const pci_topology *topology,
+                        size_t *loop_count, size_t **loop_offsets, uint32_t **loop_vertices) {
+    const size_t nf = mesh->triangle_count;
+    size_t border = 0;
+    for (size_t h = 0; h < 3 * nf; ++h) {
+        border += is_border(mesh, topology, h);
+    }
+    uint8_t *visited = PCI_SCRATCH(scratch, uint8_t, 3 * nf);
+    *loop_offsets = PCI_SCRATCH(scratch, size_t, border + 1);
+    *loop_vertices = PCI_SCRATCH(scratch, uint32_t, border);
+    *loop_count = 0;
+    if (scratch->failed) {
+        return false;
+    }
+    size_t written = 0;
+    for (size_t start = 0; start < 3 * nf; ++start) {
+        // `half` is the half-edge from corner c to c + 1 of a triangle, on the border.
+        size_t half = start;
+        if (visited[half] || !is_border(mesh, topology, half)) {
+            continue;
+        }
+        while (!visited[half]) {
+            visited[half] = 1;
+            (*loop_vertices)[written++] = mesh->triangles[half];
+            // Turn around the half-edge's end through its fan until the next border half-edge.
+            const uint32_t pivot = mesh->triangles[3 * (half / 3) + (half + 1) % 3];
+            size_t t = half / 3;
+            for (size_t guard = 0; guard <= nf; ++guard) {
+                const size_t c = corner_of(mesh, t, pivot);
+                const uint32_t e = topology->triangle_edges[3 * t + c];
+                half = 3 * t + c;
+                if (e == PC_INVALID_INDEX || edge_triangle_count(topology, e) != 2) {
+                    break;
+                }
+                const uint32_t *pair =
+                    &topology->edge_triangles[topology->edge_triangle_offsets[e]];
+                t = pair[0] == t ? pair[1] : pair[0];
+            }
+            if (!is_border(mesh, topology, half)) {
+                break; // ran into a non-manifold edge: the chain ends open
+            }
+        }
+        (*loop_offsets)[++*loop_count] = written;
+    }
+    return true;
+}
+
+size_t pci_nonmanifold_edge_count(const pci_topology *topology) {
+    size_t count = 0;
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        count += edge_triangle_count(topology, e) > 2;
+    }
+    return count;
+}
+
+size_t pci_vertex_components(const pc_mesh *mesh, uint32_t *parents) {
+    pci_singletons(parents, mesh->vertex_count);
+    size_t count = mesh->vertex_count;
+    for (size_t c = 0; c < 3 * mesh->triangle_count; ++c) {
+        count -= pci_unite(parents, mesh->triangles[c - c % 3], mesh->triangles[c]);
+    }
+    return count;
+}
+
+size_t pci_nonmanifold_vertex_count(pci_scratch *scratch, const pc_mesh *mesh,
+                                    const pci_topology *topology) {
+    size_t largest = 0, count = 0;
+    for (size_t v = 0; v < mesh->vertex_count; ++v) {
+        const size_t degree =
+            topology->vertex_triangle_offsets[v + 1] - topology->vertex_triangle_offsets[v];
+        largest = degree > largest ? degree : largest;
+    }
+    uint32_t *parents = PCI_SCRATCH(scratch, uint32_t, largest);
+    uint32_t *seen_at = PCI_SCRATCH(scratch, uint32_t, topology->edge_count);
+    uint32_t *seen_by = PCI_SCRATCH(scratch, uint32_t, topology->edge_count);
+    if (scratch->failed) {
+        return 0;
+    }
+    memset(seen_at, 0xff, topology->edge_count * sizeof(*seen_at));
+    for (size_t v = 0; v < mesh->vertex_count; ++v) {
+        // Join the triangles of the vertex across the edges at the vertex.
+        const size_t begin = topology->vertex_triangle_offsets[v];
+        const size_t degree = topology->vertex_triangle_offsets[v + 1] - begin;
+        size_t groups = degree;
+        for (uint32_t i = 0; i < degree; ++i) {
+            parents[i] = i;
+            const size_t t = topology->vertex_triangles[begin + i];
+            for (size_t half = 3 * t; half < 3 * t + 3; ++half) {
+                const uint32_t e = topology->triangle_edges[half];
+                if (e == PC_INVALID_INDEX || (topology->edges[2 * (size_t)e] != v &&
+                                              topology->edges[2 * (size_t)e + 1] != v)) {
+                    continue;
+                }
+                if (seen_at[e] == v) {
+                    groups -= pci_unite(parents, i, seen_by[e]);
+                }
+                seen_at[e] = (uint32_t)v;
+                seen_by[e] = i;
+            }
+        }
+        count += groups > 1;
+    }
+    return count;
+}
+
+bool pci_mesh_compact(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *keep,
+                      pc_mesh *result, uint32_t **kept_vertices) {
+    pc_context *context = scratch->context;
+    uint32_t *renumbered = PCI_SCRATCH(scratch, uint32_t, mesh->vertex_count);
+    uint32_t *kept = PCI_SCRATCH(scratch, uint32_t, mesh->vertex_count);
+    if (scratch->failed) {
+        return false;
+    }
+    size_t triangle_count = 0, vertex_count = 0;
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        if (keep == NULL || keep[t]) {
+            for (size_t c = 0; c < 3; ++c) {
+                renumbered[mesh->triangles[3 * t + c]] = 1;
+            }
+            ++triangle_count;
+        }
+    }
+    for (size_t v = 0; v < mesh->vertex_count; ++v) {
+        if (renumbered[v]) {
+            kept[vertex_count] = (uint32_t)v;
+            renumbered[v] = (uint32_t)vertex_count++;
+        }
+    }
+    pc_mesh compact = {.vertex_count = vertex_count, .triangle_count = triangle_count};
+    compact.positions = PCI_ALLOCATE(context, double, 3 * vertex_count);
+    compact.triangles = PCI_ALLOCATE(context, uint32_t, 3 * triangle_count);
+    if (compact.positions == NULL || compact.triangles == NULL) {
+        pc_mesh_free(context, &compact);
+        return false;
+    }
+    for (size_t v = 0; v < vertex_count; ++v) {
+        memcpy(&compact.positions[3 * v], &mesh->positions[3 * (size_t)kept[v]],
+               3 * sizeof(double));
+    }
+    size_t written = 0;
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        if (keep == NULL || keep[t]) {
+            for (size_t c = 0; c < 3; ++c) {
+                compact.triangles[written++] = renumbered[mesh->triangles[3 * t + c]];
+            }
+        }
+    }
+    if (kept_vertices != NULL) {
+        *kept_vertices = kept;
+    }
+    *result = compact;
+    return true;
+}
+
+void pci_triangle_vector(const pc_mesh *mesh, size_t triangle, double out[3]) {
+    const uint32_t *corner = &mesh->triangles[3 * triangle];
+    double ab[3], ac[3];
+    pci_sub(&mesh->positions[3 * (size_t)corner[1]], &mesh->positions[3 * (size_t)corner[0]], ab);
+    pci_sub(&mesh->positions[3 * (size_t)corner[2]], &mesh->positions[3 * (size_t)corner[0]], ac);
+    pci_cross(ab, ac, out);
+}
+
+void pci_triangle_middle(const pc_mesh *mesh, size_t triangle, double out[3]) {
+    const uint32_t *corner = &mesh->triangles[3 * triangle];
+    const double *a = &mesh->positions[3 * (size_t)corner[0]];
+    const double *b = &mesh->positions[3 * (size_t)corner[1]];
+    const double *c = &mesh->positions[3 * (size_t)corner[2]];
+    for (size_t k = 0; k < 3; ++k) {
+        out[k] = (a[k] + b[k] + c[k]) / 3.0;
+    }
+}
+
+void pci_vertex_normals(const pc_mesh *mesh, double *normals) {
+    memset(normals, 0, 3 * mesh->vertex_count * sizeof(*normals));
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        double normal[3];
+        pci_triangle_vector(mesh, t, normal);
+        for (size_t c = 0; c < 3; ++c) {
+            double *at = &normals[3 * (size_t)mesh->triangles[3 * t + c]];
+            at[0] += normal[0], at[1] += normal[1], at[2] += normal[2];
+        }
+    }
+    for (size_t v = 0; v < mesh->vertex_count; ++v) {
+        pci_normalize(&normals[3 * v]);
+    }
+}
+
+pc_status pci_check_mesh(pc_context *context, const char *stage, const pc_mesh *mesh,
+                         const char *name) {
+    if (mesh == NULL || mesh->vertex_count == 0 || mesh->triangle_count == 0 ||
+        mesh->positions == NULL || mesh->triangles == NULL) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage, "%s: the %s is empty", stage,
+                        name);
+    }
+    // Corners and half-edges have 32-bit indices.
+    if (mesh->vertex_count >= PC_INVALID_INDEX || mesh->triangle_count >= PC_INVALID_INDEX / 3) {
+        return pci_fail(context, PC_ERROR_TOO_LARGE, stage,
+                        "%s: %zu vertices and %zu triangles of the %s are too many", stage,
+                        mesh->vertex_count, mesh->triangle_count, name);
+    }
+    for (size_t k = 0; k < 3 * mesh->vertex_count; ++k) {
+        if (!(fabs(mesh->positions[k]) <= PCI_FARTHEST)) {
+            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                            "%s: vertex %zu of the %s is not finite or beyond %g", stage, k / 3,
+                            name, PCI_FARTHEST);
+        }
+    }
+    for (size_t c = 0; c < 3 * mesh->triangle_count; ++c) {
+        if (mesh->triangles[c] >= mesh->vertex_count) {
+            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                            "%s: triangle %zu of the %s uses vertex %u of %zu", stage, c / 3, name,
+                            mesh->triangles[c], mesh->vertex_count);
+        }
+    }
+    return PC_OK;
+}
+
+pc_status pci_check_mesh_of_cells(pc_context *context, const char *stage, const pc_mesh *mesh,
+                                  const char *name, double cell_size) {
+    const pc_status status = pci_check_mesh(context, stage, mesh, name);
+    if (status != PC_OK) {
+        return status;
+    }
+    if (!(cell_size > 0.0) || !isfinite(cell_size)) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                        "%s: cell_size = %g, it must be positive", stage, cell_size);
+    }
+    double low[3], high[3];
+    pci_bounding_box(mesh, low, high);
+    for (size_t k = 0; k < 3; ++k) {
+        if (!((high[k] - low[k]) / cell_size <= PCI_WIDEST_CELLS)) {
+            return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                            "%s: cell_size = %g, the %s is %g wide", stage, cell_size, name,
+                            high[k] - low[k]);
+        }
+    }
+    return PC_OK;
+}
+
+double pci_triangle_area(const pc_mesh *mesh, size_t triangle) {
+    double normal[3];
+    pci_triangle_vector(mesh, triangle, normal);
+    return 0.5 * pci_norm(normal);
+}
+
+double pc_mesh_area(const pc_mesh *mesh) {
+    double sum = 0.0;
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        sum += pci_triangle_area(mesh, t);
+    }
+    return sum;
+}
+
+void pci_bounding_box(const pc_mesh *mesh, double minimum[3], double maximum[3]) {
+    for (size_t k = 0; k < 3; ++k) {
+        minimum[k] = mesh->vertex_count > 0 ? mesh->positions[k] : 0.0;
+        maximum[k] = minimum[k];
+        for (size_t v = 1; v < mesh->vertex_count; ++v) {
+            const double x = mesh->positions[3 * v + k];
+            minimum[k] = x < minimum[k] ? x : minimum[k];
+            maximum[k] = x > maximum[k] ? x : maximum[k];
+        }
+    }
+}
+
+double pci_diagonal(const pc_mesh *mesh) {
+    double minimum[3], maximum[3];
+    pci_bounding_box(mesh, minimum, maximum);
+    return sqrt(pci_squared_distance(minimum, maximum));
+}
+
+typedef struct triple {
+    uint32_t vertices[3]; // ascending
+    uint32_t triangle;
+} triple;
+
+static int compare_triples(const void *left, const void *right) {
+    const triple *a = left, *b = right;
+    for (size_t k = 0; k < 3; ++k) {
+        if (a->vertices[k] != b->vertices[k]) {
+            return a->vertices[k] < b->vertices[k] ? -1 : 1;
+        }
+    }
+    return (a->triangle > b->triangle) - (a->triangle < b->triangle);
+}
+
+bool pci_mark_duplicates(pci_scratch *scratch, const pc_mesh *mesh, uint8_t *duplicate) {
+    triple *triples = PCI_SCRATCH(scratch, triple, mesh->triangle_count);
+    if (triples == NULL) {
+        return false;
+    }
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        const uint32_t *v = &mesh->triangles[3 * t];
+        const uint32_t low = v[0] < v[1] ? v[0] : v[1], high = v[0] < v[1] ? v[1] : v[0];
+        triples[t].vertices[0] = low < v[2] ? low : v[2];
+        triples[t].vertices[1] = v[2] < low ? low : v[2] < high ? v[2] : high;
+        triples[t].vertices[2] = high > v[2] ? high : v[2];
+        triples[t].triangle = (uint32_t)t;
+    }
+    if (!pci_sort_by_number(scratch->context, triples, mesh->triangle_count, sizeof(*triples),
+                            mesh->vertex_count, compare_triples)) {
+        return false;
+    }
+    for (size_t i = 1; i < mesh->triangle_count; ++i) {
+        duplicate[triples[i].triangle] =
+            memcmp(triples[i].vertices, triples[i - 1].vertices, sizeof(triples[i].vertices)) == 0;
+    }
+    return true;
+}

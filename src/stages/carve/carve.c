@@ -1,0 +1,501 @@
+#include "proxycloth/carve.h"
+
+#include "core/core.h"
+#include "geometry/bvh.h"
+#include "geometry/manifold.h"
+#include "geometry/rim.h"
+#include "geometry/topology.h"
+#include "stages/carve/border.h"
+#include "stages/carve/crumbs.h"
+#include "stages/carve/dents.h"
+#include "stages/carve/folds.h"
+#include "stages/carve/lining.h"
+#include "stages/carve/loops.h"
+#include "stages/carve/outline.h"
+#include "stages/carve/visual_layer.h"
+
+static const char stage[] = "carve";
+
+static const char *const source_choices[] = {"auto", "labels", "visual", NULL};
+static const pc_field option_fields[] = {
+    PCI_FIELD_CHOICE(pc_carve_options, layer_source, PC_LAYER_AUTO, PC_LAYER_VISUAL, source_choices,
+                     "Single layer from the labels or from the visual mesh; auto: from the visual "
+                     "mesh where it is one clean sheet"),
+    PCI_FIELD_OPTION(pc_carve_options, carve, BOOL, 0, 0, 1, "",
+                     "Also cut what bridges two surfaces of the visual mesh (section 5.1)"),
+    PCI_FIELD_OPTION(
+        pc_carve_options, carve_distance, DOUBLE, 0.25, 0.05, 10.0, "voxels",
+        "epsilon_carved: surface farther than this beside the visual mesh is cut away"),
+    PCI_FIELD_OPTION(
+        pc_carve_options, smallest_part, DOUBLE, 0.02, 0.0, 1.0, "",
+        "Parts below this share of the largest part's area are dropped, unless they are "
+        "loose parts of the garment"),
+    PCI_FIELD_OPTION(pc_carve_options, fill_loops, UINT, 12, 0, 1000, "edges",
+                     "Boundary loops up to this length are filled"),
+    PCI_FIELD_OPTION(pc_carve_options, snap_border, BOOL, 1, 0, 1, "",
+                     "Move the border onto the garment's hems within 1.5 voxels"),
+};
+const pc_record pc_carve_options_record = PCI_RECORD(option_fields, pc_carve_options);
+
+static const pc_field report_fields[] = {
+    {.name = "source",
+     .type = PC_FIELD_CHOICE,
+     .offset = offsetof(pc_carve_report, source),
+     .unit = "",
+     .help = "Where the single layer comes from",
+     .choices = source_choices},
+    PCI_FIELD_REPORT(pc_carve_report, vertices, COUNT, "", "Vertices of the single layer"),
+    PCI_FIELD_REPORT(pc_carve_report, triangles, COUNT, "", "Triangles of the single layer"),
+    PCI_FIELD_REPORT(pc_carve_report, components, COUNT, "", "Connected parts"),
+    PCI_FIELD_REPORT(pc_carve_report, boundary_loops, COUNT, "", "Closed boundary curves"),
+    PCI_FIELD_REPORT(pc_carve_report, dropped_parts, COUNT, "", "Parts that were too small"),
+    PCI_FIELD_REPORT(pc_carve_report, filled_loops, COUNT, "", "Boundary loops that were filled"),
+    PCI_FIELD_REPORT(pc_carve_report, carved_regions, COUNT, "",
+                     "Membranes over openings, and with carve also gaps, that were cut away"),
+    PCI_FIELD_REPORT(pc_carve_report, carved_triangles, COUNT, "", "Their triangles"),
+    PCI_FIELD_REPORT(pc_carve_report, coverage, DOUBLE, "",
+                     "Share of the visual mesh's vertices within 2 voxels of the layer"),
+};
+const pc_record pc_carve_report_record = PCI_RECORD(report_fields, pc_carve_report);
+
+// Folds of a folded sheet that are narrower than about four times this are flattened, in voxels.
+static const double flattened_voxels = 1.0;
+// The labels of a folded sheet may miss so much of it.
+static const double least_coverage = 0.99;
+// What the visual mesh covers is within this many voxels of the layer.
+static const double covered_voxels = 2.0;
+// Where a layer bridges a gap it is farther than this from the cloth, in voxels; so much of its
+// area may do so.
+static const double bridge_voxels = 0.5, most_bridges = 0.005;
+// What is taken instead may have so many times the boundary: a front that opens has more.
+static const double most_boundary = 1.5;
+// An outfit has a few parts that are worn over each other; patterns have more panels.
+static const size_t most_parts = 6;
+// Small parts farther than this from the others are loose parts of the garment, not crumbs.
+static const double loose_voxels = 2.0;
+// Radius of the ball that tells rims from surfaces, in voxels: narrower than openings of note.
+static const double rim_radius = 0.5;
+static const double rim_spacing = 0.25; // in voxels
+// Labels that change sides along a sheet, as where another layer hides half of it, keep both sides
+// of the rest, within so many voxels of each other; less than this share of the area is noise at
+// hems.
+static const double both_sides_reach = 0.5, least_both_sides = 0.1;
+// Pieces of parallel loops.
+enum { grain = 256 };
+
+// ---- report -----------------------------------------------------------------------------------
+
+typedef struct coverage_job {
+    const pci_bvh *layer;
+    const pc_mesh *surface;
+    double radius;
+    uint32_t *covered; // per piece
+} coverage_job;
+
+static void count_covered(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const coverage_job *job = user;
+    uint32_t last = PC_INVALID_INDEX;
+    for (size_t v = begin; v < end; ++v) {
+        job->covered[begin / grain] +=
+            pci_bvh_within_near(job->layer, &job->surface->positions[3 * v], job->radius, &last);
+    }
+}
+
+// Counts, and the length of the boundary.
+static pc_status measure_shape(pci_scratch *scratch, const pc_mesh *mesh, pc_carve_report *report,
+                               double *boundary) {
+    pci_topology topology;
+    size_t loop_count = 0, *offsets = NULL;
+    uint32_t *loops = NULL;
+    uint32_t *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
+    if (scratch->failed || !pci_topology_build_edges(scratch, mesh, &topology) ||
+        !pci_boundary_loops(scratch, mesh, &topology, &loop_count, &offsets, &loops)) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    report->vertices = mesh->vertex_count;
+    report->triangles = mesh->triangle_count;
+    report->boundary_loops = loop_count;
+    report->components = pci_triangle_components(scratch, mesh, &topology, component);
+    *boundary = 0.0;
+    for (size_t e = 0; e < topology.edge_count; ++e) {
+        if (topology.edge_triangle_offsets[e + 1] - topology.edge_triangle_offsets[e] == 1) {
+            const uint32_t *ends = &topology.edges[2 * e];
+            *boundary += sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)ends[0]],
+                                                   &mesh->positions[3 * (size_t)ends[1]]));
+        }
+    }
+    return scratch->failed ? pci_fail_memory(scratch->context, stage) : PC_OK;
+}
+
+static pc_status measure_coverage(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *mesh,
+                                  double cell_size, double *coverage) {
+    pc_context *context = scratch->context;
+    uint32_t *covered = PCI_SCRATCH(scratch, uint32_t, surface->vertex_count / grain + 1);
+    if (covered == NULL) {
+        return pci_fail_memory(context, stage);
+    }
+    pci_bvh *layer = NULL;
+    const pc_status status = pci_bvh_create(context, stage, mesh, &layer);
+    if (status != PC_OK) {
+        return status;
+    }
+    coverage_job job = {layer, surface, covered_voxels * cell_size, covered};
+    pci_parallel_for(context, surface->vertex_count, grain, count_covered, &job);
+    pci_bvh_destroy(context, layer);
+    uint64_t sum = 0;
+    for (size_t i = 0; i <= surface->vertex_count / grain; ++i) {
+        sum += covered[i];
+    }
+    *coverage = (double)sum / (double)surface->vertex_count;
+    return PC_OK;
+}
+
+static pc_status measure(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *mesh,
+                         double cell_size, pc_carve_report *report, double *boundary) {
+    const pc_status status = measure_shape(scratch, mesh, report, boundary);
+    return status == PC_OK ? measure_coverage(scratch, surface, mesh, cell_size, &report->coverage)
+                           : status;
+}
+
+// ---- entry ------------------------------------------------------------------------------------
+
+static pc_status check_arguments(pc_context *context, const pc_mesh *surface,
+                                 const pc_mesh *projected, const pc_labels *labels,
+                                 double cell_size, const pc_mesh *single_layer) {
+    pc_status status = pci_check_mesh_of_cells(context, stage, surface, "visual mesh", cell_size);
+    if (status == PC_OK) {
+        status = pci_check_mesh_of_cells(context, stage, projected, "projected mesh", cell_size);
+    }
+    if (status != PC_OK) {
+        return status;
+    }
+    if (labels == NULL || single_layer == NULL || single_layer->positions != NULL ||
+        single_layer->triangles != NULL) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                        "carve: the labels are missing or the output is not empty");
+    }
+    if (labels->vertex_count != projected->vertex_count) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                        "carve: %zu labels for %zu vertices", labels->vertex_count,
+                        projected->vertex_count);
+    }
+    return PC_OK;
+}
+
+static pc_status no_proxy(pc_context *context, const char *reason) {
+    return pci_fail(context, PC_ERROR_NO_PROXY, stage, "carve: no triangle is left, %s", reason);
+}
+
+// Marks the triangles with two labels of 1; NULL: out of memory.
+static uint8_t *kept_triangles(pci_scratch *scratch, const pc_mesh *projected,
+                               const uint8_t *labels) {
+    uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, projected->triangle_count);
+    for (size_t t = 0; keep != NULL && t < projected->triangle_count; ++t) {
+        const uint32_t *corner = &projected->triangles[3 * t];
+        keep[t] =
+            (labels[corner[0]] != 0) + (labels[corner[1]] != 0) + (labels[corner[2]] != 0) >= 2;
+    }
+    return keep;
+}
+
+// The triangles whose labels say so, as a manifold without small parts and short holes.
+static pc_status extract(pci_scratch *scratch, const pc_mesh *cloth, const pci_bvh *visual,
+                         const pci_knn *rims, const pc_mesh *projected, const uint8_t *labels,
+                         double cell_size, const pc_carve_options *options, pc_mesh *layer,
+                         pc_carve_report *report) {
+    pc_context *context = scratch->context;
+    uint8_t *keep = kept_triangles(scratch, projected, labels);
+    if (keep == NULL || !pci_keep_dents(scratch, projected, rims, cell_size, keep)) {
+        return pci_fail_memory(context, stage);
+    }
+    pci_repair_counts counts;
+    if (!pci_mesh_repair(scratch, projected, keep, layer, &counts)) {
+        return pci_fail_memory(context, stage);
+    }
+    const pc_status status =
+        pci_drop_crumbs(scratch, stage, cloth, visual, options->smallest_part,
+                        loose_voxels * cell_size, layer, &report->dropped_parts);
+    if (status != PC_OK) {
+        return status;
+    }
+    if (layer->triangle_count == 0) {
+        return no_proxy(context, "the labels keep none");
+    }
+    if (!pci_progress(context, stage, 0.3)) {
+        return pci_fail_cancelled(context, stage);
+    }
+    return pci_fill_loops(scratch, layer, options->fill_loops, INFINITY, &report->filled_loops)
+               ? PC_OK
+               : pci_fail_memory(context, stage);
+}
+
+static pc_status find_rims(pci_scratch *scratch, const pc_mesh *cloth, const pci_bvh *visual,
+                           double cell_size, pci_knn *rims) {
+    size_t count = 0;
+    double *points = NULL;
+    const pc_status status = pci_rim_points(scratch, stage, visual, cloth, rim_radius * cell_size,
+                                            rim_spacing * cell_size, &count, &points);
+    if (status != PC_OK) {
+        return status;
+    }
+    return pci_knn_build(scratch, count, points, rims) ? PC_OK
+                                                       : pci_fail_memory(scratch->context, stage);
+}
+
+static pc_status cut(pci_scratch *scratch, const pc_mesh *cloth, const pci_bvh *visual,
+                     const pci_knn *rims, double cell_size, const pc_carve_options *options,
+                     pc_mesh *layer, pc_carve_report *report) {
+    pc_status status = pci_cut_outline(scratch, stage, visual, rims,
+                                       options->carve ? PCI_OUTLINE_ALL : PCI_OUTLINE_MEMBRANES,
+                                       options->carve_distance * cell_size, cell_size, layer,
+                                       &report->carved_regions, &report->carved_triangles);
+    if (status != PC_OK) {
+        return status;
+    }
+    status = pci_drop_crumbs(scratch, stage, cloth, visual, options->smallest_part,
+                             loose_voxels * cell_size, layer, &report->dropped_parts);
+    if (status != PC_OK) {
+        return status;
+    }
+    if (layer->triangle_count == 0) {
+        return no_proxy(scratch->context, "carve_distance is too small");
+    }
+    return pci_progress(scratch->context, stage, 0.8) ? PC_OK
+                                                      : pci_fail_cancelled(scratch->context, stage);
+}
+
+// Finds the triangles whose middles are farther than `reach` from the cloth.
+typedef struct bridge_job {
+    const pci_bvh *cloth;
+    const pc_mesh *layer;
+    double reach;
+    uint8_t *away; // #F
+} bridge_job;
+
+static void find_bridges(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const bridge_job *job = user;
+    for (size_t t = begin; t < end; ++t) {
+        double middle[3];
+        pci_triangle_middle(job->layer, t, middle);
+        job->away[t] = !pci_bvh_within(job->cloth, middle, job->reach);
+    }
+}
+
+// The projected mesh lies on the cloth but where the voxels bridge a gap. `share` receives the
+// bridges' share of the layer's area. False: out of memory.
+static bool measure_bridges(pci_scratch *scratch, const pci_bvh *cloth, const pc_mesh *layer,
+                            double cell_size, double *share) {
+    uint8_t *away = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
+    if (away == NULL) {
+        return false;
+    }
+    bridge_job job = {cloth, layer, bridge_voxels * cell_size, away};
+    pci_parallel_for(scratch->context, layer->triangle_count, grain, find_bridges, &job);
+    double total = 0.0, sum = 0.0;
+    for (size_t t = 0; t < layer->triangle_count; ++t) {
+        const double area = pci_triangle_area(layer, t);
+        total += area;
+        sum += away[t] ? area : 0.0;
+    }
+    *share = total > 0.0 ? sum / total : 0.0;
+    return true;
+}
+
+// The labelled side of the projected mesh, cut along the outline. `bridges` receives the share of
+// it that bridges gaps; NULL: not wanted.
+static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
+                                const pc_mesh *projected, const uint8_t *labels, double cell_size,
+                                const pc_carve_options *options, pc_mesh *layer, double *bridges,
+                                double *boundary, pc_carve_report *report) {
+    pci_knn rims = {0};
+    pci_bvh *visual = NULL;
+    pc_status status = pci_bvh_create(scratch->context, stage, cloth, &visual);
+    if (status == PC_OK) {
+        status = find_rims(scratch, cloth, visual, cell_size, &rims);
+    }
+    if (status == PC_OK) {
+        status = extract(scratch, cloth, visual, &rims, projected, labels, cell_size, options,
+                         layer, report);
+    }
+    if (status == PC_OK) {
+        bool peeled = false;
+        status = pci_peel_linings(scratch, stage, both_sides_reach * cell_size, least_both_sides,
+                                  layer, &peeled);
+    }
+    if (status == PC_OK && options->snap_border) {
+        status = pci_snap_border(scratch->context, stage, cloth, visual, cell_size, layer);
+    }
+    if (status == PC_OK) {
+        status = cut(scratch, cloth, visual, &rims, cell_size, options, layer, report);
+    }
+    if (status == PC_OK && bridges != NULL &&
+        !measure_bridges(scratch, visual, layer, cell_size, bridges)) {
+        status = pci_fail_memory(scratch->context, stage);
+    }
+    pci_bvh_destroy(scratch->context, visual);
+    report->source = PC_LAYER_LABELS;
+    return status == PC_OK ? measure(scratch, surface, layer, cell_size, report, boundary) : status;
+}
+
+// The labelled triangles of the projected mesh; may be none.
+static pc_status labelled_side(pci_scratch *scratch, const pc_mesh *projected,
+                               const uint8_t *labels, pc_mesh *side) {
+    const uint8_t *keep = kept_triangles(scratch, projected, labels);
+    return keep != NULL && pci_mesh_compact(scratch, projected, keep, side, NULL)
+               ? PC_OK
+               : pci_fail_memory(scratch->context, stage);
+}
+
+// Takes the visual mesh as the layer, with the labelled side outside.
+static pc_status take_visual(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *projected,
+                             const uint8_t *labels, double cell_size, uint64_t filled,
+                             pc_mesh *visual, pc_mesh *layer, pc_carve_report *report) {
+    pc_context *context = scratch->context;
+    pc_mesh side = {0};
+    double boundary = 0.0;
+    pc_mesh_free(context, layer);
+    *layer = *visual;
+    *visual = (pc_mesh){0};
+    *report = (pc_carve_report){.source = PC_LAYER_VISUAL, .filled_loops = filled};
+    if (layer->triangle_count == 0) {
+        return no_proxy(context, "the visual mesh has none of use");
+    }
+    pc_status status = labelled_side(scratch, projected, labels, &side);
+    if (status == PC_OK && side.triangle_count > 0) {
+        status = pci_face_like(scratch, stage, &side, 1, layer);
+    }
+    pc_mesh_free(context, &side);
+    return status == PC_OK ? measure(scratch, surface, layer, cell_size, report, &boundary)
+                           : status;
+}
+
+// Where the labelled layer bridges gaps, as between two legs, the cloth made one sheet is taken if
+// that has the shape that the labels say, and no front is open that they closed.
+static pc_status try_tailoring(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
+                               double thickness, const pc_mesh *projected, const uint8_t *labels,
+                               double cell_size, double boundary, pc_mesh *layer,
+                               pc_carve_report *report) {
+    pc_mesh side = {0}, sewn = {0};
+    pc_carve_report other = {.source = PC_LAYER_VISUAL};
+    pc_status status = labelled_side(scratch, projected, labels, &side);
+    if (status == PC_OK && side.triangle_count > 0) {
+        status = pci_tailored_layer(scratch, stage, surface, cloth, &side, thickness, cell_size,
+                                    &sewn, &other.filled_loops);
+    }
+    pc_mesh_free(scratch->context, &side);
+    double length = 0.0;
+    if (status == PC_OK && sewn.triangle_count > 0) {
+        status = measure_shape(scratch, &sewn, &other, &length);
+    }
+    const bool taken = status == PC_OK && other.components == report->components &&
+                       other.boundary_loops == report->boundary_loops &&
+                       length <= most_boundary * boundary;
+    if (taken) {
+        status = measure_coverage(scratch, surface, &sewn, cell_size, &other.coverage);
+    }
+    if (taken && status == PC_OK) {
+        pc_mesh_free(scratch->context, layer);
+        *layer = sewn;
+        *report = other;
+    } else {
+        pc_mesh_free(scratch->context, &sewn);
+    }
+    return status;
+}
+
+// Whether there are so few parts that they may be one sheet, worn over each other.
+static bool may_be_tailored(pci_scratch *scratch, const pc_mesh *cloth,
+                            const pc_carve_options *options) {
+    uint32_t *parents = PCI_SCRATCH(scratch, uint32_t, cloth->vertex_count);
+    if (parents == NULL || options->layer_source != PC_LAYER_AUTO) {
+        return false;
+    }
+    const size_t parts = pci_vertex_components(cloth, parents);
+    return parts <= most_parts;
+}
+
+static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
+                              double thickness, const pc_mesh *projected, const uint8_t *labels,
+                              double cell_size, const pc_carve_options *options, pc_mesh *layer,
+                              pc_carve_report *report) {
+    const bool always = options->layer_source == PC_LAYER_VISUAL;
+    pci_layering layering = PCI_LAYERED;
+    uint64_t filled = 0;
+    double bridges = 0.0, boundary = 0.0, length = 0.0;
+    pc_mesh visual = {0};
+    pc_status status = PC_OK;
+    if (options->layer_source != PC_LAYER_LABELS) {
+        status = pci_visual_layer(scratch, stage, surface, cloth, thickness, cell_size, always,
+                                  &visual, &layering, &filled);
+    }
+    if (status == PC_OK && !pci_progress(scratch->context, stage, 0.2)) {
+        status = pci_fail_cancelled(scratch->context, stage);
+    }
+    if (status == PC_OK && (always || layering == PCI_PLAIN)) {
+        return take_visual(scratch, surface, projected, labels, cell_size, filled, &visual, layer,
+                           report);
+    }
+    if (status == PC_OK) {
+        status = labelled_layer(scratch, surface, cloth, projected, labels, cell_size, options,
+                                layer, may_be_tailored(scratch, cloth, options) ? &bridges : NULL,
+                                &boundary, report);
+    }
+    if (status == PC_OK && layering == PCI_FOLDED) {
+        pc_carve_report other = {0};
+        status = measure_shape(scratch, &visual, &other, &length);
+        if (status == PC_OK &&
+            (other.components != report->components ||
+             other.boundary_loops != report->boundary_loops || report->coverage < least_coverage)) {
+            status = pci_flatten_folds(scratch, flattened_voxels * cell_size, &visual)
+                         ? take_visual(scratch, surface, projected, labels, cell_size, filled,
+                                       &visual, layer, report)
+                         : pci_fail_memory(scratch->context, stage);
+        }
+    }
+    pc_mesh_free(scratch->context, &visual);
+    if (status == PC_OK && report->source == PC_LAYER_LABELS && bridges > most_bridges) {
+        status = try_tailoring(scratch, surface, cloth, thickness, projected, labels, cell_size,
+                               boundary, layer, report);
+    }
+    return status;
+}
+
+pc_status pc_carve(pc_context *context, const pc_mesh *surface, const pc_mesh *projected,
+                   const pc_labels *labels, double cell_size, const pc_carve_options *options,
+                   pc_mesh *single_layer, pc_carve_report *report) {
+    pc_status status =
+        check_arguments(context, surface, projected, labels, cell_size, single_layer);
+    if (status != PC_OK) {
+        return status;
+    }
+    pc_carve_options chosen;
+    status = pci_begin_stage(context, stage, &pc_carve_options_record, options, &chosen);
+    if (status != PC_OK) {
+        return status;
+    }
+    pci_scratch scratch = pci_scratch_begin(context);
+    pc_carve_report counts = {0};
+    pc_mesh cloth = {0}, layer = {0};
+    double thickness = 0.0;
+    status = pci_visual_cloth(&scratch, stage, surface, cell_size, &cloth, &thickness);
+    if (status == PC_OK && cloth.triangle_count == 0) {
+        status = no_proxy(context, "the visual mesh has none of use");
+    }
+    if (status == PC_OK) {
+        status = choose_layer(&scratch, surface, &cloth, thickness, projected, labels->labels,
+                              cell_size, &chosen, &layer, &counts);
+    }
+    pc_mesh_free(context, &cloth);
+    pci_scratch_end(&scratch);
+    if (status != PC_OK) {
+        pc_mesh_free(context, &layer);
+        return status;
+    }
+    *single_layer = layer;
+    if (report != NULL) {
+        *report = counts;
+    }
+    return PC_OK;
+}

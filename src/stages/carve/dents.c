@@ -1,0 +1,88 @@
+#include "stages/carve/dents.h"
+
+#include "core/union_find.h"
+#include "geometry/topology.h"
+
+// No point of a dent is farther than so many voxels from its border, and so much of the border at
+// most is within so many voxels of a rim.
+static const double half_width = 3.0, most_rim = 0.75, rim_voxels = 1.5;
+
+// A connected piece of what the labels leave out.
+typedef struct piece {
+    double border, rim; // rim: length of the border near a rim
+    bool wide;
+} piece;
+
+static bool has_two_sides(const pci_topology *topology, size_t e) {
+    return topology->edge_triangle_offsets[e + 1] - topology->edge_triangle_offsets[e] == 2;
+}
+
+static void join_pieces(const pci_topology *topology, const uint8_t *keep, uint32_t *of) {
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        const uint32_t *sides = &topology->edge_triangles[topology->edge_triangle_offsets[e]];
+        if (has_two_sides(topology, e) && !keep[sides[0]] && !keep[sides[1]]) {
+            pci_unite(of, sides[0], sides[1]);
+        }
+    }
+}
+
+// Measures the borders; `points` (room for #edges by 3) receives their middles.
+static size_t measure_borders(const pc_mesh *mesh, const pci_topology *topology,
+                              const pci_knn *rims, double reach, const uint8_t *keep, uint32_t *of,
+                              piece *pieces, double *points) {
+    size_t count = 0;
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        const uint32_t *sides = &topology->edge_triangles[topology->edge_triangle_offsets[e]];
+        if (!has_two_sides(topology, e) || keep[sides[0]] == keep[sides[1]]) {
+            continue;
+        }
+        const double *from = &mesh->positions[3 * (size_t)topology->edges[2 * e]];
+        const double *to = &mesh->positions[3 * (size_t)topology->edges[2 * e + 1]];
+        const double length = sqrt(pci_squared_distance(from, to));
+        double *middle = &points[3 * count++];
+        for (size_t k = 0; k < 3; ++k) {
+            middle[k] = 0.5 * (from[k] + to[k]);
+        }
+        piece *p = &pieces[pci_find_root(of, sides[keep[sides[0]] ? 1 : 0])];
+        p->border += length;
+        p->rim += pci_knn_within(rims, middle, reach, NULL) ? length : 0.0;
+    }
+    return count;
+}
+
+static bool may_be_dent(const piece *p) { return p->rim < most_rim * p->border && !p->wide; }
+
+bool pci_keep_dents(pci_scratch *scratch, const pc_mesh *projected, const pci_knn *rims,
+                    double cell_size, uint8_t *keep) {
+    const size_t triangles = projected->triangle_count;
+    pci_topology topology;
+    pci_knn borders;
+    uint32_t *of = PCI_SCRATCH(scratch, uint32_t, triangles);
+    piece *pieces = PCI_SCRATCH(scratch, piece, triangles);
+    if (scratch->failed || !pci_topology_build_edges(scratch, projected, &topology)) {
+        return false;
+    }
+    double *points = PCI_SCRATCH(scratch, double, 3 * topology.edge_count);
+    if (points == NULL) {
+        return false;
+    }
+    pci_singletons(of, triangles);
+    join_pieces(&topology, keep, of);
+    const size_t count = measure_borders(projected, &topology, rims, rim_voxels * cell_size, keep,
+                                         of, pieces, points);
+    if (!pci_knn_build(scratch, count, points, &borders)) {
+        return false;
+    }
+    for (uint32_t t = 0; t < triangles; ++t) {
+        piece *p = &pieces[pci_find_root(of, t)];
+        double middle[3];
+        if (!keep[t] && may_be_dent(p)) {
+            pci_triangle_middle(projected, t, middle);
+            p->wide = !pci_knn_within(&borders, middle, half_width * cell_size, NULL);
+        }
+    }
+    for (uint32_t t = 0; t < triangles; ++t) {
+        keep[t] = keep[t] || may_be_dent(&pieces[pci_find_root(of, t)]);
+    }
+    return true;
+}

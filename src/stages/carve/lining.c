@@ -1,0 +1,364 @@
+#include "stages/carve/lining.h"
+
+#include <stdlib.h>
+
+#include "core/union_find.h"
+#include "geometry/bvh.h"
+#include "geometry/manifold.h"
+#include "geometry/topology.h"
+#include "solvers/signed_solve.h"
+
+enum { grain = 256 };
+
+// Pieces that are tried one by one where they cannot go together.
+enum { most_pieces = 16 };
+
+// Cosine between the normals of two plies, at most.
+static const double most_facing = -0.5;
+// A cut through flat cloth costs as much as a strip that is so wide on the wrong side, in reaches;
+// one along a sharp fold costs this share of it.
+static const double cut_width = 0.5, fold_share = 0.05;
+// So much of a cut may run where the cosine between its sides is larger.
+static const double most_through = 0.1, most_flat = 0.5;
+// Cost of the whole area on the wrong side, and the most that a single wish costs.
+static const double unit = 0x1p36;
+
+typedef struct lining {
+    pci_scratch *scratch;
+    const pc_mesh *mesh;
+    pci_topology topology;
+    double reach;
+    const pci_bvh *bvh;
+    size_t component_count;
+    uint32_t *component; // #F
+    double *normals;     // #F by 3, unit or zero
+    uint32_t *mates;     // #F by 2, plies behind and before; PC_INVALID_INDEX: none
+} lining;
+
+static bool is_other(void *user, const pci_hit *hit) { return hit->triangle != *(size_t *)user; }
+
+// The nearest triangle that faces the same side of triangle t with that side.
+static uint32_t find_mate(const lining *l, size_t t, double side) {
+    const double *normal = &l->normals[3 * t];
+    const double direction[3] = {side * normal[0], side * normal[1], side * normal[2]};
+    double middle[3], other[3];
+    pci_triangle_middle(l->mesh, t, middle);
+    const pci_hit hit =
+        pci_bvh_cast(l->bvh, middle, direction, 1e-4 * l->reach, l->reach, is_other, &t);
+    if (hit.triangle == PC_INVALID_INDEX || hit.back_face != (side < 0.0) ||
+        l->component[hit.triangle] != l->component[t]) {
+        return PC_INVALID_INDEX;
+    }
+    pci_triangle_vector(l->mesh, hit.triangle, other);
+    return pci_normalize(other) && pci_dot(normal, other) <= most_facing ? hit.triangle
+                                                                         : PC_INVALID_INDEX;
+}
+
+static void find_mates(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    lining *l = user;
+    for (size_t t = begin; t < end; ++t) {
+        double *normal = &l->normals[3 * t];
+        l->mates[2 * t] = l->mates[2 * t + 1] = PC_INVALID_INDEX;
+        pci_triangle_vector(l->mesh, t, normal);
+        if (pci_normalize(normal)) {
+            l->mates[2 * t] = find_mate(l, t, -1.0);
+            l->mates[2 * t + 1] = find_mate(l, t, 1.0);
+        } else {
+            memset(normal, 0, 3 * sizeof(*normal));
+        }
+    }
+}
+
+static pci_signed_edge wish(uint32_t s, uint32_t t, bool opposite, double share) {
+    return (pci_signed_edge){.a = (s < t ? s : t) + 1,
+                             .b = (s < t ? t : s) + 1,
+                             .opposite = opposite,
+                             .cost = (int64_t)(unit * fmin(share, 1.0))};
+}
+
+static double edge_length(const lining *l, size_t e) {
+    const uint32_t *ends = &l->topology.edges[2 * e];
+    return sqrt(pci_squared_distance(&l->mesh->positions[3 * (size_t)ends[0]],
+                                     &l->mesh->positions[3 * (size_t)ends[1]]));
+}
+
+// Cosine between the two triangles at an edge.
+static double facing_at(const lining *l, size_t e) {
+    const uint32_t *sides = &l->topology.edge_triangles[l->topology.edge_triangle_offsets[e]];
+    return pci_dot(&l->normals[3 * (size_t)sides[0]], &l->normals[3 * (size_t)sides[1]]);
+}
+
+// Mates wish to be on different sides, neighbours on the same one unless the cloth folds there.
+static bool make_graph(const lining *l, pci_signed_graph *graph) {
+    const pc_mesh *mesh = l->mesh;
+    const size_t triangles = mesh->triangle_count;
+    pci_signed_edge *edges = PCI_SCRATCH(
+        l->scratch, pci_signed_edge, 2 * triangles + l->topology.edge_count + l->component_count);
+    uint8_t *pinned = PCI_SCRATCH(l->scratch, uint8_t, l->component_count);
+    double total = 0.0;
+    size_t count = 0;
+    if (l->scratch->failed) {
+        return false;
+    }
+    for (size_t t = 0; t < triangles; ++t) {
+        total += pci_triangle_area(mesh, t);
+    }
+    for (uint32_t t = 0; t < triangles; ++t) {
+        for (size_t i = 2 * (size_t)t; i < 2 * (size_t)t + 2; ++i) {
+            if (l->mates[i] != PC_INVALID_INDEX) {
+                edges[count++] = wish(t, l->mates[i], true, pci_triangle_area(mesh, t) / total);
+            }
+        }
+        // Which side is called which does not matter.
+        if (!pinned[l->component[t]]) {
+            pinned[l->component[t]] = 1;
+            edges[count++] = (pci_signed_edge){.a = PCI_GROUND, .b = t + 1, .cost = 1};
+        }
+    }
+    for (size_t e = 0; e < l->topology.edge_count; ++e) {
+        const size_t first = l->topology.edge_triangle_offsets[e];
+        if (l->topology.edge_triangle_offsets[e + 1] - first != 2) {
+            continue;
+        }
+        const uint32_t *sides = &l->topology.edge_triangles[first];
+        const double width = l->reach * cut_width * (fold_share + 0.5 * (1.0 + facing_at(l, e)));
+        edges[count++] = wish(sides[0], sides[1], false, width * edge_length(l, e) / total);
+    }
+    pci_signed_graph_create(triangles + 1, edges, count, graph);
+    return true;
+}
+
+// Keeps the larger side of each component. Returns whether anything goes.
+static bool choose_side(const lining *l, const uint8_t *side, uint8_t *keep) {
+    double *balance = PCI_SCRATCH(l->scratch, double, l->component_count);
+    bool some = false;
+    for (size_t t = 0; t < l->mesh->triangle_count && balance != NULL; ++t) {
+        balance[l->component[t]] += (side[t] ? 1.0 : -1.0) * pci_triangle_area(l->mesh, t);
+    }
+    for (size_t t = 0; t < l->mesh->triangle_count && balance != NULL; ++t) {
+        keep[t] = (side[t] != 0) == (balance[l->component[t]] >= 0.0);
+        some = some || !keep[t];
+    }
+    return some;
+}
+
+// What must not change.
+typedef struct shape {
+    size_t components, loops, sum; // vertices + triangles - edges
+} shape;
+
+static bool find_shape(pci_scratch *scratch, const pc_mesh *mesh, shape *found) {
+    pci_topology topology;
+    size_t *offsets = NULL;
+    uint32_t *loops = NULL;
+    uint32_t *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
+    if (component == NULL || !pci_topology_build_edges(scratch, mesh, &topology) ||
+        !pci_boundary_loops(scratch, mesh, &topology, &found->loops, &offsets, &loops)) {
+        return false;
+    }
+    found->components = pci_triangle_components(scratch, mesh, &topology, component);
+    found->sum = mesh->vertex_count + mesh->triangle_count - topology.edge_count;
+    return !scratch->failed;
+}
+
+static bool same_shape(const shape *a, const shape *b) {
+    return a->components == b->components && a->loops == b->loops && a->sum == b->sum;
+}
+
+// A connected piece of what is to go.
+typedef struct piece {
+    uint32_t root; // its first triangle
+    double area;
+    double cut, through; // length of its cut, and of what of that runs through flat cloth
+} piece;
+
+static int compare_pieces(const void *left, const void *right) { // largest first
+    const piece *a = left, *b = right;
+    if (a->area != b->area) {
+        return a->area > b->area ? -1 : 1;
+    }
+    return (a->root > b->root) - (a->root < b->root);
+}
+
+// Finds the pieces by their first triangles; `of` tells that of each triangle's piece.
+static void join_pieces(const lining *l, const uint8_t *keep, uint32_t *of) {
+    pci_singletons(of, l->mesh->triangle_count);
+    for (size_t e = 0; e < l->topology.edge_count; ++e) {
+        const size_t first = l->topology.edge_triangle_offsets[e];
+        const uint32_t *sides = &l->topology.edge_triangles[first];
+        if (l->topology.edge_triangle_offsets[e + 1] - first == 2 && !keep[sides[0]] &&
+            !keep[sides[1]]) {
+            pci_unite(of, sides[0], sides[1]);
+        }
+    }
+    for (uint32_t t = 0; t < l->mesh->triangle_count; ++t) {
+        of[t] = pci_find_root(of, t);
+    }
+}
+
+// Lists the pieces, largest first. A hem is cut off along its fold. What would be cut through flat
+// cloth, as one side of the flat end of a sleeve, is no piece, and is kept from now on.
+static bool list_pieces(const lining *l, uint8_t *keep, uint32_t *of, piece **pieces,
+                        size_t *count) {
+    const size_t triangles = l->mesh->triangle_count;
+    piece *all = PCI_SCRATCH(l->scratch, piece, triangles);
+    if (all == NULL) {
+        return false;
+    }
+    join_pieces(l, keep, of);
+    for (uint32_t t = 0; t < triangles; ++t) {
+        all[of[t]].root = of[t];
+        all[of[t]].area += pci_triangle_area(l->mesh, t);
+    }
+    for (size_t e = 0; e < l->topology.edge_count; ++e) {
+        const size_t first = l->topology.edge_triangle_offsets[e];
+        const uint32_t *sides = &l->topology.edge_triangles[first];
+        if (l->topology.edge_triangle_offsets[e + 1] - first == 2 &&
+            keep[sides[0]] != keep[sides[1]]) {
+            piece *p = &all[of[sides[keep[sides[0]] ? 1 : 0]]];
+            p->cut += edge_length(l, e);
+            p->through += facing_at(l, e) > most_flat ? edge_length(l, e) : 0.0;
+        }
+    }
+    *pieces = all;
+    *count = 0;
+    for (uint32_t t = 0; t < triangles; ++t) {
+        keep[t] = keep[t] || all[of[t]].through > most_through * all[of[t]].cut;
+    }
+    for (uint32_t t = 0; t < triangles; ++t) {
+        if (!keep[t] && of[t] == t) {
+            all[(*count)++] = all[t];
+        }
+    }
+    qsort(all, *count, sizeof(*all), compare_pieces);
+    return true;
+}
+
+// Takes the mesh without what goes, if that has the same shape. False: out of memory, or cancelled.
+static bool take(const lining *l, const uint8_t *keep, const shape *wanted, pc_mesh *kept) {
+    pci_scratch scratch = pci_scratch_begin(l->scratch->context);
+    pci_repair_counts counts;
+    pc_mesh rest = {0};
+    shape found = {0};
+    const bool done = pci_mesh_repair(&scratch, l->mesh, keep, &rest, &counts) &&
+                      find_shape(&scratch, &rest, &found);
+    pci_scratch_end(&scratch);
+    if (done && same_shape(&found, wanted)) {
+        pc_mesh_free(l->scratch->context, kept);
+        *kept = rest;
+    } else {
+        pc_mesh_free(l->scratch->context, &rest);
+    }
+    return done;
+}
+
+// `kept` receives the mesh without its linings, if there are some. Where not all pieces can go, as
+// many go as may.
+static bool cut(const lining *l, uint8_t *keep, pc_mesh *kept) {
+    const size_t triangles = l->mesh->triangle_count;
+    uint8_t *tried = PCI_SCRATCH(l->scratch, uint8_t, triangles);
+    uint32_t *of = PCI_SCRATCH(l->scratch, uint32_t, triangles);
+    piece *pieces = NULL;
+    size_t count = 0;
+    shape wanted = {0};
+    if (l->scratch->failed || !list_pieces(l, keep, of, &pieces, &count)) {
+        return false;
+    }
+    if (count == 0) {
+        return true;
+    }
+    if (!find_shape(l->scratch, l->mesh, &wanted) || !take(l, keep, &wanted, kept)) {
+        return false;
+    }
+    if (kept->triangle_count > 0) {
+        return true;
+    }
+    memset(tried, 1, triangles);
+    for (size_t i = 0; i < count && i < most_pieces; ++i) {
+        const size_t before = kept->triangle_count;
+        for (size_t t = 0; t < triangles; ++t) {
+            tried[t] = tried[t] && (keep[t] || of[t] != pieces[i].root);
+        }
+        if (!take(l, tried, &wanted, kept)) {
+            return false;
+        }
+        for (size_t t = 0; t < triangles && kept->triangle_count == before; ++t) {
+            tried[t] = tried[t] || (!keep[t] && of[t] == pieces[i].root);
+        }
+    }
+    return true;
+}
+
+// The share of the area that has a ply behind or before it.
+static double doubled_share(const lining *l) {
+    double total = 0.0, doubled = 0.0;
+    for (size_t t = 0; t < l->mesh->triangle_count; ++t) {
+        const double area = pci_triangle_area(l->mesh, t);
+        const bool alone =
+            l->mates[2 * t] == PC_INVALID_INDEX && l->mates[2 * t + 1] == PC_INVALID_INDEX;
+        total += area;
+        doubled += alone ? 0.0 : area;
+    }
+    return total > 0.0 ? doubled / total : 0.0;
+}
+
+// Chooses what goes, and cuts it off.
+static pc_status peel(lining *l, const char *stage, pc_mesh *kept) {
+    pc_context *context = l->scratch->context;
+    const size_t triangles = l->mesh->triangle_count;
+    uint8_t *side = PCI_SCRATCH(l->scratch, uint8_t, triangles + 1);
+    uint8_t *keep = PCI_SCRATCH(l->scratch, uint8_t, triangles);
+    pci_signed_graph graph;
+    if (l->scratch->failed || !make_graph(l, &graph)) {
+        return pci_fail_memory(context, stage);
+    }
+    // Folds are short against what they divide: no search is needed to find them.
+    pci_signed_solution solution = {.labels = side};
+    const pc_status status = pci_signed_solve(context, stage, &graph, (pci_budget){0}, &solution);
+    if (status != PC_OK) {
+        return status;
+    }
+    const bool some = choose_side(l, side + 1, keep);
+    return !l->scratch->failed && (!some || cut(l, keep, kept)) ? PC_OK
+                                                                : pci_fail_memory(context, stage);
+}
+
+pc_status pci_peel_linings(pci_scratch *scratch, const char *stage, double reach,
+                           double least_share, pc_mesh *mesh, bool *peeled) {
+    pc_context *context = scratch->context;
+    lining l = {.scratch = scratch, .mesh = mesh, .reach = reach};
+    pci_bvh *bvh = NULL;
+    pc_mesh kept = {0};
+    *peeled = false;
+    l.component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
+    l.normals = PCI_SCRATCH(scratch, double, 3 * mesh->triangle_count);
+    l.mates = PCI_SCRATCH(scratch, uint32_t, 2 * mesh->triangle_count);
+    if (scratch->failed || !pci_topology_build_edges(scratch, mesh, &l.topology)) {
+        return pci_fail_memory(context, stage);
+    }
+    l.component_count = pci_triangle_components(scratch, mesh, &l.topology, l.component);
+    pc_status status = pci_bvh_create(context, stage, mesh, &bvh);
+    if (status != PC_OK) {
+        return status;
+    }
+    l.bvh = bvh;
+    const bool done =
+        pci_parallel_while_wanted(context, mesh->triangle_count, grain, find_mates, &l);
+    pci_bvh_destroy(context, bvh);
+    if (!done) {
+        return pci_fail_memory(context, stage);
+    }
+    if (doubled_share(&l) < least_share) {
+        return PC_OK;
+    }
+    status = peel(&l, stage, &kept);
+    *peeled = status == PC_OK && kept.triangle_count > 0;
+    if (*peeled) {
+        pc_mesh_free(context, mesh);
+        *mesh = kept;
+    } else {
+        pc_mesh_free(context, &kept);
+    }
+    return status;
+}

@@ -1,0 +1,827 @@
+#include "stages/carve/outline.h"
+
+#include "core/core.h"
+#include "core/union_find.h"
+#include "geometry/halfedge.h"
+#include "geometry/manifold.h"
+#include "geometry/topology.h"
+
+// Pieces of parallel loops.
+enum { grain = 256 };
+
+// A membrane hangs from its rim, but sags: the rim may be so much farther than the nearest point of
+// the visual mesh, in voxels.
+static const double sag = 1.0;
+// A membrane is framed by rims in so many of the sectors around its centre; a web between a sleeve
+// and the body may have the cuff on one side.
+enum { sectors = 12 };
+// A web from the hem of one layer to the layer beneath is framed by rims, too, but has cloth behind
+// it, for most of its area within so many voxels; an opening has not.
+static const double behind = 1.5;
+// What a region must be to go.
+typedef struct demands {
+    double fineness; // the layer is refined to edges of so many thresholds first
+    double reach;    // least largest distance, in thresholds; less is roughness
+    // Of membranes only:
+    uint32_t framed; // least number of sectors
+    double backed;   // least share of the area that is not one
+} demands;
+// The distance hardly changes faster than the way, so edges of half the threshold cannot hide a
+// crossing that matters. Coarser ones tell where to look closer, with demands that leave room for
+// what they may miss.
+static const demands of_membranes = {1.0, 1.2, 9, 0.5}, of_candidates = {2.0, 1.0, 3, 0.75};
+// The iso-surface closes openings up to two voxels wide; no part of a membrane is farther from the
+// rim than so many voxels.
+static const double widest = 3.0;
+// The second pass looks so far around what the first one found, in voxels. Of regions that are
+// smaller than a disc two voxels wide, in squared voxels, few points tell how they are framed:
+// edges there become half as long.
+static const double beyond = 0.5, small = 3.2;
+// The distance where nobody asks: no triangle is refined for it.
+static const double out_of_focus = -1e30;
+// Membranes that are tested for holding the layer together.
+enum { most_tests = 256 };
+static const double pi = 3.14159265358979323846;
+
+typedef struct outline {
+    const pci_bvh *visual;
+    const pci_knn *focus; // distances are measured within `reach` of these points; NULL: everywhere
+    const pci_knn *closer; // edges within `reach` of these become half as long; NULL: none
+    double reach;
+    pci_halfedge mesh;
+    double *normals;   // #V by 3
+    double *distances; // #V, beside the visual mesh, along the surface
+    uint32_t *nearest; // #V, triangle of the visual mesh, or PC_INVALID_INDEX
+    uint32_t *ends;    // #V by 2, of the edge that was split; of new vertices only
+    size_t normal_capacity, distance_capacity, nearest_capacity, end_capacity;
+} outline;
+
+// How far the nearest point of the visual mesh lies beside a point of the layer: the distance
+// without its share along the normal. `triangle`: one that may be near; becomes the nearest one.
+static double distance_beside(const outline *o, const double point[3], const double normal[3],
+                              uint32_t *triangle) {
+    if (o->focus != NULL && !pci_knn_within(o->focus, point, o->reach, NULL)) {
+        return out_of_focus;
+    }
+    const pci_closest closest = pci_bvh_closest_near(o->visual, point, *triangle);
+    *triangle = closest.triangle;
+    double away[3];
+    pci_sub(closest.point, point, away);
+    const double height = pci_dot(away, normal);
+    return sqrt(fmax(0.0, pci_dot(away, away) - height * height));
+}
+
+static void measure_outline(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    outline *o = user;
+    uint32_t last = PC_INVALID_INDEX;
+    for (size_t v = begin; v < end; ++v) {
+        o->distances[v] = distance_beside(o, &o->mesh.positions[3 * v], &o->normals[3 * v], &last);
+        o->nearest[v] = last;
+    }
+}
+
+// Splits an edge; the distance of the new vertex is not known yet. PC_INVALID_INDEX: out of memory.
+static uint32_t split_edge(outline *o, uint32_t h, double share) {
+    const size_t a = pci_origin(&o->mesh, h), b = pci_target(&o->mesh, h);
+    double position[3], normal[3];
+    for (size_t k = 0; k < 3; ++k) {
+        position[k] = o->mesh.positions[3 * a + k] +
+                      share * (o->mesh.positions[3 * b + k] - o->mesh.positions[3 * a + k]);
+        normal[k] = o->normals[3 * a + k] + o->normals[3 * b + k];
+    }
+    pci_normalize(normal);
+    const uint32_t v = pci_split_edge(&o->mesh, h, position);
+    void *normals = o->normals, *distances = o->distances, *nearest = o->nearest, *ends = o->ends;
+    pci_scratch *scratch = o->mesh.scratch;
+    if (v == PC_INVALID_INDEX ||
+        !pci_scratch_reserve(scratch, &normals, &o->normal_capacity, (size_t)v + 1,
+                             3 * sizeof(double)) ||
+        !pci_scratch_reserve(scratch, &distances, &o->distance_capacity, (size_t)v + 1,
+                             sizeof(double)) ||
+        !pci_scratch_reserve(scratch, &nearest, &o->nearest_capacity, (size_t)v + 1,
+                             sizeof(uint32_t)) ||
+        !pci_scratch_reserve(scratch, &ends, &o->end_capacity, (size_t)v + 1,
+                             2 * sizeof(uint32_t))) {
+        return PC_INVALID_INDEX;
+    }
+    o->normals = normals;
+    o->distances = distances;
+    o->nearest = nearest;
+    o->ends = ends;
+    memcpy(&o->normals[3 * (size_t)v], normal, sizeof(normal));
+    o->nearest[v] = o->nearest[a];
+    o->ends[2 * (size_t)v] = (uint32_t)a;
+    o->ends[2 * (size_t)v + 1] = (uint32_t)b;
+    return v;
+}
+
+static double squared_length(const pci_halfedge *mesh, uint32_t h) {
+    return pci_squared_distance(&mesh->positions[3 * (size_t)pci_origin(mesh, h)],
+                                &mesh->positions[3 * (size_t)pci_target(mesh, h)]);
+}
+
+// The longest edge of a triangle; ties go to the smaller half-edge of the pair.
+static uint32_t longest_edge(const pci_halfedge *mesh, uint32_t t) {
+    uint32_t best = 3 * t;
+    double length = -1.0;
+    for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
+        const double candidate = squared_length(mesh, h);
+        const uint32_t id = h < mesh->twins[h] ? h : mesh->twins[h];
+        const uint32_t best_id = best < mesh->twins[best] ? best : mesh->twins[best];
+        if (candidate > length || (candidate == length && id < best_id)) {
+            best = h;
+            length = candidate;
+        }
+    }
+    return best;
+}
+
+// Follows longest edges from that of a triangle to one that is the longest of both its triangles
+// (Rivara). Every edge that its split makes is shorter by a fixed factor, also among triangles
+// without area.
+static uint32_t terminal_edge(const pci_halfedge *mesh, uint32_t h) {
+    while (mesh->twins[h] != PC_INVALID_INDEX) {
+        const uint32_t next = longest_edge(mesh, mesh->twins[h] / 3);
+        if (next == mesh->twins[h]) {
+            break;
+        }
+        h = next;
+    }
+    return h;
+}
+
+static bool lies_close(const outline *o, uint32_t t) {
+    double middle[3];
+    const pc_mesh surface = {o->mesh.vertex_count, o->mesh.positions, o->mesh.triangle_count,
+                             o->mesh.corners};
+    pci_triangle_middle(&surface, t, middle);
+    return o->closer != NULL && pci_knn_within(o->closer, middle, o->reach, NULL);
+}
+
+// The edge to split where a triangle may touch the outline; PC_INVALID_INDEX: none.
+static uint32_t edge_to_split(const outline *o, uint32_t t, double threshold, double shortest) {
+    double nearest = INFINITY, farthest = -INFINITY;
+    for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
+        const double distance = o->distances[pci_origin(&o->mesh, h)];
+        nearest = distance < nearest ? distance : nearest;
+        farthest = distance > farthest ? distance : farthest;
+    }
+    if (!(nearest < threshold && farthest > out_of_focus)) {
+        return PC_INVALID_INDEX;
+    }
+    const uint32_t edge = longest_edge(&o->mesh, t);
+    const double longest = sqrt(squared_length(&o->mesh, edge));
+    const bool wanted = farthest + 0.5 * longest > threshold &&
+                        (longest > shortest || (longest > 0.5 * shortest && lies_close(o, t)));
+    return wanted ? terminal_edge(&o->mesh, edge) : PC_INVALID_INDEX;
+}
+
+// What a round of refinement works with. A triangle is asked again when it was split.
+enum { ASKED, SETTLED, SPLIT };
+typedef struct refinement {
+    outline *outline;
+    double threshold, shortest;
+    uint32_t first;  // vertex of this round
+    uint8_t *states; // #F
+    uint32_t *edges; // #F, to be split, or PC_INVALID_INDEX
+    size_t state_capacity, edge_capacity;
+} refinement;
+
+static void choose_edges(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const refinement *r = user;
+    for (size_t t = begin; t < end; ++t) {
+        r->edges[t] = r->states[t] == SETTLED
+                          ? PC_INVALID_INDEX
+                          : edge_to_split(r->outline, (uint32_t)t, r->threshold, r->shortest);
+        r->states[t] = r->edges[t] == PC_INVALID_INDEX ? SETTLED : ASKED;
+    }
+}
+
+// Where several triangles chose the same edge the first one splits it.
+static bool split_chosen(refinement *r) {
+    outline *o = r->outline;
+    const pci_halfedge *mesh = &o->mesh;
+    const size_t count = mesh->triangle_count;
+    for (size_t t = 0; t < count; ++t) {
+        const uint32_t h = r->edges[t];
+        if (h == PC_INVALID_INDEX || r->states[h / 3] == SPLIT) {
+            continue;
+        }
+        const uint32_t twin = mesh->twins[h];
+        void *states = r->states;
+        if (split_edge(o, h, 0.5) == PC_INVALID_INDEX ||
+            !pci_scratch_reserve(mesh->scratch, &states, &r->state_capacity, mesh->triangle_count,
+                                 1)) {
+            return false;
+        }
+        r->states = states;
+        r->states[h / 3] = SPLIT;
+        if (twin != PC_INVALID_INDEX) {
+            r->states[twin / 3] = SPLIT;
+        }
+    }
+    return true;
+}
+
+static void measure_new(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const refinement *r = user;
+    outline *o = r->outline;
+    for (size_t v = r->first + begin; v < r->first + end; ++v) {
+        o->distances[v] =
+            distance_beside(o, &o->mesh.positions[3 * v], &o->normals[3 * v], &o->nearest[v]);
+    }
+}
+
+// Halves the longest edge of each triangle that may touch the outline until it is shorter than
+// `shortest`. False: no memory, or cancelled.
+static bool refine_outline(outline *o, double threshold, double shortest) {
+    const pci_halfedge *mesh = &o->mesh;
+    pc_context *context = mesh->scratch->context;
+    refinement r = {.outline = o, .threshold = threshold, .shortest = shortest};
+    do {
+        void *states = r.states, *edges = r.edges;
+        if (!pci_scratch_reserve(mesh->scratch, &states, &r.state_capacity, mesh->triangle_count,
+                                 1) ||
+            !pci_scratch_reserve(mesh->scratch, &edges, &r.edge_capacity, mesh->triangle_count,
+                                 sizeof(*r.edges))) {
+            return false;
+        }
+        r.states = states;
+        r.edges = edges;
+        r.first = (uint32_t)mesh->vertex_count;
+        if (!pci_parallel_while_wanted(context, mesh->triangle_count, 8 * grain, choose_edges,
+                                       &r) ||
+            !split_chosen(&r) ||
+            !pci_parallel_while_wanted(context, mesh->vertex_count - r.first, grain, measure_new,
+                                       &r)) {
+            return false;
+        }
+    } while (mesh->vertex_count > r.first);
+    return true;
+}
+
+// Splits the edges that cross the isoline there. New edges end on the isoline and never cross it,
+// so one pass finds all crossings.
+static bool split_isoline(outline *o, double threshold) {
+    for (uint32_t h = 0; h < 3 * o->mesh.triangle_count; ++h) {
+        if (!pci_is_edge(&o->mesh, h)) {
+            continue;
+        }
+        const double a = o->distances[pci_origin(&o->mesh, h)] - threshold;
+        const double b = o->distances[pci_target(&o->mesh, h)] - threshold;
+        if ((a < 0.0 && b > 0.0) || (a > 0.0 && b < 0.0)) {
+            const double share = fmin(fmax(a / (a - b), 0.05), 0.95);
+            const uint32_t v = split_edge(o, h, share);
+            if (v == PC_INVALID_INDEX) {
+                return false;
+            }
+            o->distances[v] = threshold;
+        }
+    }
+    return true;
+}
+
+// ---- regions beside the visual mesh
+// ---------------------------------------------------------------
+
+typedef struct region {
+    uint32_t first; // triangle
+    double area, centre[3], normal[3];
+    double backed;    // area with other cloth close behind it
+    double reach;     // largest distance
+    uint32_t sectors; // bit i: in this direction from the centre the region ends at a rim
+    bool bordering;   // part of the border of the layer
+    bool fringe;      // near the border of the layer
+} region;
+
+// Joins the triangles that lie beside the visual mesh to regions, numbered by their first triangle:
+// `of` holds the region of each, PC_INVALID_INDEX for triangles that stay anyway.
+static bool join_regions(const outline *o, double threshold, uint32_t *of, region **regions,
+                         size_t *count) {
+    const pci_halfedge *mesh = &o->mesh;
+    uint8_t *beside = PCI_SCRATCH(mesh->scratch, uint8_t, mesh->triangle_count);
+    uint32_t *numbers = PCI_SCRATCH(mesh->scratch, uint32_t, mesh->triangle_count);
+    if (mesh->scratch->failed) {
+        return false;
+    }
+    pci_singletons(of, mesh->triangle_count);
+    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
+        beside[i / 3] |= o->distances[mesh->corners[i]] > threshold;
+    }
+    for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
+        const uint32_t twin = mesh->twins[h];
+        if (twin != PC_INVALID_INDEX && h < twin && beside[h / 3] && beside[twin / 3]) {
+            pci_unite(of, h / 3, twin / 3);
+        }
+    }
+    // Roots come first: they are the first triangles of their sets.
+    *count = 0;
+    for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
+        const uint32_t root = pci_find_root(of, t);
+        numbers[t] = !beside[t]  ? PC_INVALID_INDEX
+                     : root == t ? (uint32_t)(*count)++
+                                 : numbers[root];
+    }
+    *regions = PCI_SCRATCH(mesh->scratch, region, *count);
+    if (*regions == NULL) {
+        return false;
+    }
+    for (uint32_t t = (uint32_t)mesh->triangle_count; t-- > 0;) {
+        of[t] = numbers[t];
+        if (of[t] != PC_INVALID_INDEX) {
+            (*regions)[of[t]].first = t;
+        }
+    }
+    return true;
+}
+
+static void area_vector(const pci_halfedge *mesh, size_t triangle, const double *corners[3],
+                        double normal[3]) {
+    double u[3], v[3];
+    for (size_t c = 0; c < 3; ++c) {
+        corners[c] = &mesh->positions[3 * (size_t)mesh->corners[3 * triangle + c]];
+    }
+    pci_sub(corners[1], corners[0], u);
+    pci_sub(corners[2], corners[0], v);
+    pci_cross(u, v, normal);
+}
+
+static bool is_backed(const outline *o, const double *const corners[3], const double normal[3],
+                      double depth) {
+    double middle[3], direction[3] = {-normal[0], -normal[1], -normal[2]};
+    for (size_t k = 0; k < 3; ++k) {
+        middle[k] = (corners[0][k] + corners[1][k] + corners[2][k]) / 3.0;
+    }
+    return pci_normalize(direction) &&
+           pci_bvh_cast(o->visual, middle, direction, 0.0, depth, NULL, NULL).triangle !=
+               PC_INVALID_INDEX;
+}
+
+typedef struct backing {
+    const outline *outline;
+    const uint32_t *regions; // #F
+    double depth;
+    uint8_t *backed; // #F
+} backing;
+
+static void find_backed(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const backing *b = user;
+    const pci_halfedge *mesh = &b->outline->mesh;
+    for (size_t t = begin; t < end; ++t) {
+        if (b->regions[t] != PC_INVALID_INDEX) {
+            const double *corners[3];
+            double normal[3];
+            area_vector(mesh, t, corners, normal);
+            b->backed[t] = is_backed(b->outline, corners, normal, b->depth);
+        }
+    }
+}
+
+// False: out of memory, or cancelled.
+static bool measure_extent(const outline *o, const uint32_t *of, double depth, region *regions,
+                           size_t region_count) {
+    const pci_halfedge *mesh = &o->mesh;
+    backing b = {o, of, depth, PCI_SCRATCH(mesh->scratch, uint8_t, mesh->triangle_count)};
+    if (b.backed == NULL || !pci_parallel_while_wanted(mesh->scratch->context, mesh->triangle_count,
+                                                       grain, find_backed, &b)) {
+        return false;
+    }
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        if (of[t] == PC_INVALID_INDEX) {
+            continue;
+        }
+        region *r = &regions[of[t]];
+        const double *corners[3];
+        double normal[3];
+        area_vector(mesh, t, corners, normal);
+        const double area = 0.5 * pci_norm(normal);
+        r->area += area;
+        r->backed += b.backed[t] ? area : 0.0;
+        for (size_t k = 0; k < 3; ++k) {
+            r->reach = fmax(r->reach, o->distances[mesh->corners[3 * t + k]]);
+            r->centre[k] += area * (corners[0][k] + corners[1][k] + corners[2][k]) / 3.0;
+            r->normal[k] += normal[k];
+        }
+    }
+    for (size_t i = 0; i < region_count; ++i) {
+        for (size_t k = 0; k < 3 && regions[i].area > 0.0; ++k) {
+            regions[i].centre[k] /= regions[i].area;
+        }
+    }
+    return true;
+}
+
+// Marks the sector of the region's plane in which a point lies.
+static void mark_sector(region *r, const double point[3]) {
+    double n[3] = {r->normal[0], r->normal[1], r->normal[2]}, x[3] = {0.0, 0.0, 0.0}, y[3], away[3];
+    if (!pci_normalize(n)) {
+        return;
+    }
+    const size_t axis = fabs(n[0]) <= fabs(n[1]) ? (fabs(n[0]) <= fabs(n[2]) ? 0 : 2)
+                                                 : (fabs(n[1]) <= fabs(n[2]) ? 1 : 2);
+    x[axis] = 1.0;
+    pci_cross(n, x, y);
+    pci_cross(y, n, x);
+    pci_sub(point, r->centre, away);
+    const double turn = 0.5 + atan2(pci_dot(away, y), pci_dot(away, x)) / (2.0 * pi);
+    r->sectors |= UINT32_C(1) << ((uint32_t)(turn * sectors) % sectors);
+}
+
+// The vertices on the border of the layer.
+static bool find_border(const pci_halfedge *mesh, pci_knn *border) {
+    double *points = PCI_SCRATCH(mesh->scratch, double, 3 * mesh->vertex_count);
+    size_t count = 0;
+    if (points == NULL) {
+        return false;
+    }
+    for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
+        if (mesh->twins[h] == PC_INVALID_INDEX) {
+            memcpy(&points[3 * count++], &mesh->positions[3 * (size_t)pci_origin(mesh, h)],
+                   3 * sizeof(double));
+        }
+    }
+    return pci_knn_build(mesh->scratch, count, points, border);
+}
+
+// What lies around the origin of a half-edge on the border of a region.
+typedef struct frame_point {
+    uint32_t halfedge;
+    uint32_t rim; // PC_INVALID_INDEX: none near
+    bool fringe;
+} frame_point;
+
+typedef struct framing {
+    const outline *outline;
+    const pci_knn *rims, *border;
+    double slack;
+    frame_point *points;
+} framing;
+
+static void look_around(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const framing *f = user;
+    const outline *o = f->outline;
+    for (size_t i = begin; i < end; ++i) {
+        frame_point *p = &f->points[i];
+        const uint32_t v = pci_origin(&o->mesh, p->halfedge);
+        const double *point = &o->mesh.positions[3 * (size_t)v];
+        const double reach =
+            pci_bvh_closest_near(o->visual, point, o->nearest[v]).distance + f->slack;
+        p->fringe = pci_knn_within(f->border, point, f->slack, NULL);
+        p->rim = PC_INVALID_INDEX;
+        (void)pci_knn_within(f->rims, point, reach, &p->rim);
+    }
+}
+
+// A region ends at the rim of an opening where a rim is near, or where the layer ends already.
+// False: out of memory, or cancelled.
+static bool measure_frame(const outline *o, const pci_knn *rims, double slack, const uint32_t *of,
+                          region *regions) {
+    const pci_halfedge *mesh = &o->mesh;
+    pci_knn border;
+    framing f = {o, rims, &border, slack, NULL};
+    size_t count = 0, capacity = 0;
+    for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
+        const uint32_t own = of[h / 3], twin = mesh->twins[h];
+        if (own == PC_INVALID_INDEX || (twin != PC_INVALID_INDEX && of[twin / 3] == own)) {
+            continue;
+        }
+        void *points = f.points;
+        if (!pci_scratch_reserve(mesh->scratch, &points, &capacity, count + 1, sizeof(*f.points))) {
+            return false;
+        }
+        f.points = points;
+        f.points[count++].halfedge = h;
+    }
+    if (!find_border(mesh, &border) ||
+        !pci_parallel_while_wanted(mesh->scratch->context, count, grain, look_around, &f)) {
+        return false;
+    }
+    for (size_t i = 0; i < count; ++i) {
+        const frame_point *p = &f.points[i];
+        region *r = &regions[of[p->halfedge / 3]];
+        if (mesh->twins[p->halfedge] == PC_INVALID_INDEX) {
+            mark_sector(r, &mesh->positions[3 * (size_t)pci_origin(mesh, p->halfedge)]);
+            r->bordering = true;
+        }
+        r->fringe = r->fringe || p->fringe;
+        if (p->rim != PC_INVALID_INDEX) {
+            mark_sector(r, &rims->points[3 * (size_t)p->rim]);
+        }
+    }
+    return true;
+}
+
+static bool removes(const region *r, pci_outline_mode mode, double threshold,
+                    const demands *least) {
+    uint32_t framed = 0;
+    for (uint32_t i = 0; i < sectors; ++i) {
+        framed += r->sectors >> i & 1;
+    }
+    return r->reach > least->reach * threshold &&
+           (mode == PCI_OUTLINE_ALL ||
+            (framed >= least->framed && r->backed < least->backed * r->area &&
+             (r->bordering || !r->fringe)));
+}
+
+// The kept triangles by patch: a membrane, or a connected part of the rest. Few of them touch.
+typedef struct patches {
+    uint32_t *of;    // #F, first triangle of the patch
+    uint32_t *links; // #links by 2, neighbouring patches
+    size_t link_count, link_capacity;
+    double *areas; // by first triangle
+    uint32_t *parents;
+    double *sums; // scratch of area_held, likewise
+} patches;
+
+static bool make_patches(const pci_halfedge *mesh, const uint32_t *owners, const uint8_t *keep,
+                         patches *p) {
+    const size_t triangles = mesh->triangle_count;
+    *p = (patches){.of = PCI_SCRATCH(mesh->scratch, uint32_t, triangles),
+                   .areas = PCI_SCRATCH(mesh->scratch, double, triangles),
+                   .parents = PCI_SCRATCH(mesh->scratch, uint32_t, triangles),
+                   .sums = PCI_SCRATCH(mesh->scratch, double, triangles)};
+    if (mesh->scratch->failed) {
+        return false;
+    }
+    const pc_mesh surface = {mesh->vertex_count, mesh->positions, triangles, mesh->corners};
+    pci_singletons(p->of, triangles);
+    for (int pass = 0; pass < 2; ++pass) {
+        for (uint32_t h = 0; h < 3 * triangles; ++h) {
+            const uint32_t twin = mesh->twins[h];
+            if (twin == PC_INVALID_INDEX || h > twin || !keep[h / 3] || !keep[twin / 3]) {
+                continue;
+            }
+            const bool same = owners[h / 3] == owners[twin / 3];
+            if (pass == 0 && same) {
+                pci_unite(p->of, h / 3, twin / 3);
+            } else if (pass == 1 && !same) {
+                void *links = p->links;
+                if (!pci_scratch_reserve(mesh->scratch, &links, &p->link_capacity,
+                                         p->link_count + 1, 2 * sizeof(uint32_t))) {
+                    return false;
+                }
+                p->links = links;
+                p->links[2 * p->link_count] = pci_find_root(p->of, h / 3);
+                p->links[2 * p->link_count++ + 1] = pci_find_root(p->of, twin / 3);
+            }
+        }
+    }
+    for (uint32_t t = 0; t < triangles; ++t) {
+        p->areas[pci_find_root(p->of, t)] += pci_triangle_area(&surface, t);
+    }
+    return true;
+}
+
+// Area of what the patch `middle` holds to the largest of the parts beside it: they would come off.
+static double area_held(const patches *p, const uint8_t *keep, uint32_t middle) {
+    for (size_t i = 0; i < 2 * p->link_count; ++i) {
+        p->parents[p->links[i]] = p->links[i];
+        p->sums[p->links[i]] = p->areas[p->links[i]];
+    }
+    for (size_t i = 0; i < p->link_count; ++i) {
+        const uint32_t a = p->links[2 * i], b = p->links[2 * i + 1];
+        if (keep[a] && keep[b] && a != middle && b != middle) {
+            const uint32_t from = pci_find_root(p->parents, a), to = pci_find_root(p->parents, b);
+            if (pci_unite(p->parents, from, to)) {
+                p->sums[pci_find_root(p->parents, to)] = p->sums[from] + p->sums[to];
+            }
+        }
+    }
+    double sum = 0.0, largest = 0.0;
+    for (size_t i = 0; i < 2 * p->link_count; ++i) {
+        const uint32_t other = p->links[i % 2 == 0 ? i + 1 : i - 1];
+        if (p->links[i] == middle && keep[other]) {
+            double *part = &p->sums[pci_find_root(p->parents, other)];
+            sum += *part;
+            largest = fmax(largest, *part);
+            *part = 0.0; // counted
+        }
+    }
+    return sum - largest;
+}
+
+// What a pass works with.
+typedef struct cutting {
+    const pci_bvh *visual;
+    const pci_knn *rims;
+    pci_outline_mode mode;
+    double threshold, cell_size;
+    const demands *least;
+    uint8_t *keep; // #F of the refined layer
+    uint32_t *of;  // #F, region, PC_INVALID_INDEX: none
+    region *regions;
+    size_t region_count;
+} cutting;
+
+// A membrane may hold the layer together, as between the panels of a pattern or around the hem of a
+// tier: it stays where something larger than itself would come off. The triangles of those that
+// are to go, by `removed`, are kept on entry.
+static bool keep_holders(const outline *o, const uint32_t *of, const cutting *c, uint8_t *removed) {
+    const pci_halfedge *mesh = &o->mesh;
+    uint32_t *owners = PCI_SCRATCH(mesh->scratch, uint32_t, mesh->triangle_count);
+    patches p;
+    if (owners == NULL) {
+        return false;
+    }
+    for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
+        owners[t] = of[t] != PC_INVALID_INDEX && removed[of[t]] ? of[t] : PC_INVALID_INDEX;
+    }
+    if (!make_patches(mesh, owners, c->keep, &p)) {
+        return false;
+    }
+    // The first triangle of a membrane tells that it is gone until all of them are removed.
+    size_t tests = 0;
+    for (size_t i = 0; i < c->region_count; ++i) {
+        if (removed[i]) {
+            const region *r = &c->regions[i];
+            removed[i] = tests++ < most_tests && area_held(&p, c->keep, r->first) <= r->area;
+            c->keep[r->first] = !removed[i];
+        }
+    }
+    return true;
+}
+
+// Marks what stays.
+static bool choose_triangles(const outline *o, const uint32_t *of, cutting *c) {
+    const size_t triangles = o->mesh.triangle_count;
+    uint8_t *removed = PCI_SCRATCH(o->mesh.scratch, uint8_t, c->region_count);
+    c->keep = PCI_SCRATCH(o->mesh.scratch, uint8_t, triangles);
+    if (o->mesh.scratch->failed) {
+        return false;
+    }
+    for (size_t i = 0; i < c->region_count; ++i) {
+        removed[i] = removes(&c->regions[i], c->mode, c->threshold, c->least);
+    }
+    memset(c->keep, 1, triangles);
+    if (c->mode == PCI_OUTLINE_MEMBRANES && c->least == &of_membranes &&
+        !keep_holders(o, of, c, removed)) {
+        return false;
+    }
+    for (size_t t = 0; t < triangles; ++t) {
+        c->keep[t] = of[t] == PC_INVALID_INDEX || !removed[of[t]];
+    }
+    return true;
+}
+
+// Refines the layer along the isoline, where points of `focus` are within `reach` (NULL:
+// everywhere), once more near points of `closer`, and decides what to keep by the demands of `c`.
+static bool find_regions(cutting *c, const pci_knn *focus, const pci_knn *closer, double reach,
+                         pci_scratch *scratch, const pc_mesh *layer, outline *o) {
+    // Finer than an eighth of a voxel there is nothing to see, and a layer that runs near the
+    // threshold everywhere would be refined everywhere.
+    const double shortest = c->least->fineness * fmax(c->threshold, 0.25 * c->cell_size);
+    *o = (outline){.visual = c->visual, .focus = focus, .closer = closer, .reach = reach};
+    o->normals = PCI_SCRATCH(scratch, double, 3 * layer->vertex_count);
+    o->distances = PCI_SCRATCH(scratch, double, layer->vertex_count);
+    o->nearest = PCI_SCRATCH(scratch, uint32_t, layer->vertex_count);
+    o->ends = PCI_SCRATCH(scratch, uint32_t, 2 * layer->vertex_count);
+    if (scratch->failed || !pci_halfedge_build(scratch, layer, &o->mesh)) {
+        return false;
+    }
+    o->normal_capacity = o->distance_capacity = layer->vertex_count;
+    o->nearest_capacity = o->end_capacity = layer->vertex_count;
+    pci_vertex_normals(layer, o->normals);
+    if (!pci_parallel_while_wanted(scratch->context, layer->vertex_count, grain, measure_outline,
+                                   o) ||
+        !refine_outline(o, c->threshold, shortest) || !split_isoline(o, c->threshold)) {
+        return false;
+    }
+    uint32_t *of = c->of = PCI_SCRATCH(scratch, uint32_t, o->mesh.triangle_count);
+    return of != NULL && join_regions(o, c->threshold, of, &c->regions, &c->region_count) &&
+           measure_extent(o, of, behind * c->cell_size, c->regions, c->region_count) &&
+           measure_frame(o, c->rims, sag * c->cell_size, of, c->regions) &&
+           choose_triangles(o, of, c);
+}
+
+// The half-edge whose collapse undoes the split that made vertex v. PC_INVALID_INDEX: something has
+// changed around it since, or is cut away.
+static uint32_t undoing_edge(const outline *o, uint32_t v, const uint8_t *keep) {
+    const pci_halfedge *mesh = &o->mesh;
+    const uint32_t a = o->ends[2 * (size_t)v], b = o->ends[2 * (size_t)v + 1];
+    uint32_t spokes[4];
+    size_t count = 0;
+    PCI_FOR_OUTGOING(mesh, v, h) {
+        if (count == 4 || !keep[h / 3]) {
+            return PC_INVALID_INDEX;
+        }
+        spokes[count++] = h;
+    }
+    if (pci_is_border_vertex(mesh, v)) {
+        return count == 2 && pci_target(mesh, spokes[0]) == b &&
+                       mesh->corners[pci_previous(spokes[1])] == a
+                   ? spokes[0]
+                   : PC_INVALID_INDEX;
+    }
+    for (size_t i = 0; i < 4 && count == 4; ++i) {
+        if (pci_target(mesh, spokes[i]) == b && pci_target(mesh, spokes[(i + 2) % 4]) == a) {
+            return spokes[i];
+        }
+    }
+    return PC_INVALID_INDEX;
+}
+
+// What stays, as it was before the splits wherever nothing is cut away: triangles that were small
+// in order to look closely cost all that follows time. The outline is of no use afterwards.
+static bool take_kept(outline *o, size_t first, uint8_t *keep, pc_mesh *kept) {
+    pci_halfedge *mesh = &o->mesh;
+    for (uint32_t v = (uint32_t)mesh->vertex_count; v-- > first;) {
+        const uint32_t h = undoing_edge(o, v, keep);
+        if (h != PC_INVALID_INDEX && pci_can_collapse(mesh, h)) {
+            pci_collapse(mesh, h);
+        }
+    }
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        if (mesh->corners[3 * t] == PC_INVALID_INDEX) {
+            keep[t] = 0;
+            memset(&mesh->corners[3 * t], 0, 3 * sizeof(*mesh->corners));
+        }
+    }
+    const pc_mesh all = {mesh->vertex_count, mesh->positions, mesh->triangle_count, mesh->corners};
+    pc_mesh cut = {0};
+    pci_repair_counts counts;
+    const bool done = pci_mesh_compact(mesh->scratch, &all, keep, &cut, NULL) &&
+                      pci_mesh_repair(mesh->scratch, &cut, NULL, kept, &counts);
+    pc_mesh_free(mesh->scratch->context, &cut);
+    return done;
+}
+
+// Lists the vertices of what is not kept, or of the small regions among that. False: out of memory.
+static bool list_removed(pci_scratch *scratch, const outline *o, const cutting *c, bool small_ones,
+                         pci_knn *points) {
+    const pci_halfedge *mesh = &o->mesh;
+    uint8_t *listed = PCI_SCRATCH(mesh->scratch, uint8_t, mesh->vertex_count);
+    size_t count = 0, next = 0;
+    if (listed == NULL) {
+        return false;
+    }
+    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
+        uint8_t *at = &listed[mesh->corners[i]];
+        const bool wanted =
+            !c->keep[i / 3] &&
+            (!small_ones || c->regions[c->of[i / 3]].area < small * c->cell_size * c->cell_size);
+        count += wanted && !*at;
+        *at |= wanted;
+    }
+    double *positions = PCI_SCRATCH(scratch, double, 3 * count);
+    for (size_t v = 0; positions != NULL && v < mesh->vertex_count; ++v) {
+        if (listed[v]) {
+            memcpy(&positions[3 * next++], &mesh->positions[3 * v], 3 * sizeof(double));
+        }
+    }
+    return positions != NULL && pci_knn_build(scratch, count, positions, points);
+}
+
+pc_status pci_cut_outline(pci_scratch *scratch, const char *stage, const pci_bvh *visual,
+                          const pci_knn *rims, pci_outline_mode mode, double threshold,
+                          double cell_size, pc_mesh *layer, uint64_t *removed_regions,
+                          uint64_t *removed_triangles) {
+    pc_context *context = scratch->context;
+    cutting c = {.visual = visual,
+                 .rims = rims,
+                 .mode = mode,
+                 .threshold = threshold,
+                 .cell_size = cell_size,
+                 .least = &of_candidates};
+    outline o;
+    // The first pass finds candidates, the second refines near them, decides and cuts.
+    pci_scratch first = pci_scratch_begin(context);
+    pci_knn candidates, closer;
+    const bool found = find_regions(&c, mode == PCI_OUTLINE_MEMBRANES ? rims : NULL, NULL,
+                                    widest * cell_size, &first, layer, &o) &&
+                       list_removed(scratch, &o, &c, false, &candidates) &&
+                       list_removed(scratch, &o, &c, true, &closer);
+    pci_scratch_end(&first);
+    if (!found) {
+        return pci_fail_memory(context, stage);
+    }
+    if (candidates.point_count == 0) {
+        return PC_OK;
+    }
+    c.least = &of_membranes;
+    if (!find_regions(&c, &candidates, &closer, beyond * cell_size, scratch, layer, &o)) {
+        return pci_fail_memory(context, stage);
+    }
+    uint64_t removed = 0;
+    for (size_t t = 0; t < o.mesh.triangle_count; ++t) {
+        removed += !c.keep[t];
+    }
+    if (removed == 0) {
+        return PC_OK;
+    }
+    *removed_triangles += removed;
+    for (size_t i = 0; i < c.region_count; ++i) {
+        *removed_regions += !c.keep[c.regions[i].first];
+    }
+    pc_mesh kept = {0};
+    if (!take_kept(&o, layer->vertex_count, c.keep, &kept)) {
+        return pci_fail_memory(context, stage);
+    }
+    pc_mesh_free(context, layer);
+    *layer = kept;
+    return PC_OK;
+}

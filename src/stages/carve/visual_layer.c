@@ -1,0 +1,321 @@
+#include "stages/carve/visual_layer.h"
+
+#include <stdatomic.h>
+
+#include "core/core.h"
+#include "geometry/manifold.h"
+#include "geometry/topology.h"
+#include "stages/carve/hidden.h"
+#include "stages/carve/lining.h"
+#include "stages/carve/loops.h"
+#include "stages/carve/sewing.h"
+#include "stages/carve/shells.h"
+
+enum { grain = 256, most_near = 512 };
+
+// Sheets within a voxel of each other are close.
+// Below this share of the area that sees another sheet close by, a sheet is plain.
+static const double plain_share = 0.02;
+// A lining shows its back to the back of the cloth, everywhere. Where a sheet is folded, backs and
+// fronts meet in turn, so that the two shares are alike.
+static const double most_lined_surplus = 0.05, least_folded_ratio = 0.5;
+// What lies in layers for the most part is wanted as one layer, however it was folded.
+static const double most_folded_share = 0.15;
+// What is worn over something else hangs at most so many voxels away from it; so much of the
+// garment must be near what is sewn together.
+static const double sewing_voxels = 4.0, least_covered = 0.99;
+// Linings hang lower than the cloth here and there, in voxels.
+static const double lining_voxels = 2.0;
+// One in so many triangles tells which way a part faces.
+static const size_t facing_stride = 8;
+// Holes of a shorter way around are no openings, in voxels.
+static const double smallest_opening = 3.0;
+// Thicker shells are solids, in voxels.
+static const double thickest_shell = 4.0;
+
+typedef struct probe {
+    const pci_bvh *bvh;
+    const pc_mesh *mesh;
+    const uint32_t *component; // #F
+    size_t component_count;
+    double reach, touch_reach;
+    uint8_t *sees;       // #F, bit 0: a back close behind it, bit 1: a front close before it
+    atomic_bool touches; // two components are within touch_reach: nothing else matters
+} probe;
+
+static bool sees(const probe *p, const double point[3], const double normal[3], double side) {
+    const double direction[3] = {side * normal[0], side * normal[1], side * normal[2]};
+    const pci_hit hit =
+        pci_bvh_cast(p->bvh, point, direction, 1e-4 * p->reach, p->reach, NULL, NULL);
+    return hit.triangle != PC_INVALID_INDEX && hit.back_face == (side < 0.0);
+}
+
+static void look_around(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    probe *p = user;
+    for (size_t t = begin; t < end && !atomic_load(&p->touches); ++t) {
+        double normal[3], middle[3];
+        pci_triangle_vector(p->mesh, t, normal);
+        pci_triangle_middle(p->mesh, t, middle);
+        uint32_t near[most_near];
+        const size_t count = p->component_count > 1
+                                 ? pci_bvh_collect(p->bvh, middle, p->touch_reach, most_near, near)
+                                 : 0;
+        for (size_t i = 0; i < count && i < most_near; ++i) {
+            if (p->component[near[i]] != p->component[t]) {
+                atomic_store(&p->touches, true);
+            }
+        }
+        if (pci_normalize(normal)) {
+            p->sees[t] =
+                (uint8_t)(sees(p, middle, normal, -1.0) | sees(p, middle, normal, 1.0) << 1);
+        }
+    }
+}
+
+// Whether every vertex of the visual mesh lies near the layer.
+typedef struct cover_job {
+    const pci_bvh *layer;
+    const pc_mesh *surface;
+    double reach;
+    uint8_t *missed; // #V
+} cover_job;
+
+static void find_missed(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const cover_job *job = user;
+    uint32_t last = PC_INVALID_INDEX;
+    for (size_t v = begin; v < end; ++v) {
+        job->missed[v] =
+            !pci_bvh_within_near(job->layer, &job->surface->positions[3 * v], job->reach, &last);
+    }
+}
+
+// Whether each component has a border: a closed one is a doubled sheet or a solid.
+static bool all_open(pci_scratch *scratch, const pc_mesh *mesh, const pci_topology *topology,
+                     const uint32_t *component, size_t count) {
+    uint8_t *open = PCI_SCRATCH(scratch, uint8_t, count);
+    if (open == NULL) {
+        return false;
+    }
+    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
+        const uint32_t e = topology->triangle_edges[i];
+        open[component[i / 3]] |=
+            topology->edge_triangle_offsets[e + 1] - topology->edge_triangle_offsets[e] == 1;
+    }
+    bool all = true;
+    for (size_t i = 0; i < count; ++i) {
+        all = all && open[i];
+    }
+    return all;
+}
+
+static pci_layering classify(probe *p) {
+    double area = 0.0, back = 0.0, front = 0.0;
+    for (size_t t = 0; t < p->mesh->triangle_count; ++t) {
+        const double a = pci_triangle_area(p->mesh, t);
+        area += a;
+        back += p->sees[t] & 1 ? a : 0.0;
+        front += p->sees[t] & 2 ? a : 0.0;
+    }
+    if (atomic_load(&p->touches)) {
+        return PCI_LAYERED;
+    }
+    if (back + front <= plain_share * area) {
+        return PCI_PLAIN;
+    }
+    const bool balanced =
+        back - front <= most_lined_surplus * area || front >= least_folded_ratio * back;
+    return balanced && back <= most_folded_share * area ? PCI_FOLDED : PCI_LAYERED;
+}
+
+// @param reach  at least this `share` of the vertices of `surface` must be so near to the layer
+static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
+                         const pc_mesh *layer, double thickness, double cell_size, double reach,
+                         double share, pci_layering *layering) {
+    pc_context *context = scratch->context;
+    pci_topology topology;
+    uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
+    probe p = {.mesh = layer, .component = component, .reach = cell_size};
+    p.touch_reach = cell_size + thickness;
+    p.sees = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
+    uint8_t *missed = PCI_SCRATCH(scratch, uint8_t, surface->vertex_count);
+    if (scratch->failed || !pci_topology_build_edges(scratch, layer, &topology)) {
+        return pci_fail_memory(context, stage);
+    }
+    p.component_count = pci_triangle_components(scratch, layer, &topology, component);
+    if (!all_open(scratch, layer, &topology, component, p.component_count)) {
+        return scratch->failed ? pci_fail_memory(context, stage) : PC_OK;
+    }
+    pci_bvh *bvh = NULL;
+    const pc_status status = pci_bvh_create(context, stage, layer, &bvh);
+    if (status != PC_OK) {
+        return status;
+    }
+    p.bvh = bvh;
+    cover_job cover = {bvh, surface, reach + thickness, missed};
+    const bool done =
+        pci_parallel_while_wanted(context, layer->triangle_count, grain, look_around, &p) &&
+        pci_parallel_while_wanted(context, surface->vertex_count, grain, find_missed, &cover);
+    pci_bvh_destroy(context, bvh);
+    if (!done) {
+        return pci_fail_memory(context, stage);
+    }
+    size_t missed_count = 0;
+    for (size_t v = 0; v < surface->vertex_count; ++v) {
+        missed_count += missed[v];
+    }
+    *layering = classify(&p);
+    if ((double)missed_count > (1.0 - share) * (double)surface->vertex_count) {
+        *layering = PCI_LAYERED;
+    }
+    return PC_OK;
+}
+
+pc_status pci_visual_cloth(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
+                           double cell_size, pc_mesh *cloth, double *thickness) {
+    pci_repair_counts counts;
+    if (!pci_mesh_repair(scratch, surface, NULL, cloth, &counts)) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    const pc_status status =
+        pci_peel_shells(scratch, stage, thickest_shell * cell_size, cloth, thickness);
+    return status == PC_OK ? pci_drop_hidden(scratch, stage, cell_size, cloth) : status;
+}
+
+static pc_status begin_layer(pci_scratch *scratch, const char *stage, const pc_mesh *cloth,
+                             double cell_size, pc_mesh *layer, uint64_t *filled_loops) {
+    if (!pci_mesh_compact(scratch, cloth, NULL, layer, NULL) ||
+        !pci_fill_loops(scratch, layer, SIZE_MAX, smallest_opening * cell_size, filled_loops)) {
+        pc_mesh_free(scratch->context, layer);
+        return pci_fail_memory(scratch->context, stage);
+    }
+    return PC_OK;
+}
+
+pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
+                           const pc_mesh *cloth, double thickness, double cell_size, bool always,
+                           pc_mesh *layer, pci_layering *layering, uint64_t *filled_loops) {
+    *layering = PCI_LAYERED;
+    pc_status status = begin_layer(scratch, stage, cloth, cell_size, layer, filled_loops);
+    if (status == PC_OK && layer->triangle_count > 0 && !always) {
+        status =
+            measure(scratch, stage, surface, layer, thickness, cell_size, cell_size, 1.0, layering);
+    }
+    if (status != PC_OK || (*layering == PCI_LAYERED && !always)) {
+        pc_mesh_free(scratch->context, layer);
+    }
+    return status;
+}
+
+// Hems and collars that are turned over make a second ply: without them the layer may be plain.
+static pc_status try_peeling(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
+                             double thickness, double cell_size, double reach, pc_mesh *layer,
+                             pci_layering *layering) {
+    bool peeled = false;
+    pc_mesh rest = {0};
+    pci_layering without = PCI_LAYERED;
+    pc_status status = pci_mesh_compact(scratch, layer, NULL, &rest, NULL)
+                           ? pci_peel_linings(scratch, stage, cell_size, 0.0, &rest, &peeled)
+                           : pci_fail_memory(scratch->context, stage);
+    if (status == PC_OK && peeled) {
+        status = measure(scratch, stage, surface, &rest, thickness, cell_size, reach, least_covered,
+                         &without);
+    }
+    if (status == PC_OK && without == PCI_PLAIN) {
+        const pc_mesh swapped = *layer;
+        *layer = rest;
+        rest = swapped;
+        *layering = without;
+    }
+    pc_mesh_free(scratch->context, &rest);
+    return status;
+}
+
+pc_status pci_tailored_layer(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
+                             const pc_mesh *cloth, const pc_mesh *side, double thickness,
+                             double cell_size, pc_mesh *layer, uint64_t *filled_loops) {
+    pci_layering layering = PCI_LAYERED;
+    bool sewn = false;
+    pc_status status = begin_layer(scratch, stage, cloth, cell_size, layer, filled_loops);
+    if (status == PC_OK && layer->triangle_count > 0) {
+        status = pci_face_like(scratch, stage, side, facing_stride, layer);
+    }
+    if (status == PC_OK && layer->triangle_count > 0) {
+        status = pci_sew_parts(scratch, stage, sewing_voxels * cell_size, layer, &sewn);
+    }
+    const double reach = (sewn ? sewing_voxels : lining_voxels) * cell_size;
+    if (status == PC_OK && layer->triangle_count > 0) {
+        status = measure(scratch, stage, surface, layer, thickness, cell_size, reach, least_covered,
+                         &layering);
+    }
+    if (status == PC_OK && layering != PCI_PLAIN && layer->triangle_count > 0) {
+        status =
+            try_peeling(scratch, stage, surface, thickness, cell_size, reach, layer, &layering);
+    }
+    if (status != PC_OK || !(layering == PCI_PLAIN || (layering == PCI_FOLDED && sewn))) {
+        pc_mesh_free(scratch->context, layer);
+    }
+    return status;
+}
+
+// ---- orientation --------------------------------------------------------------------------------
+
+typedef struct facing {
+    const pci_bvh *bvh;
+    const pc_mesh *reference, *layer;
+    size_t stride;
+    double *votes; // #F of the layer
+} facing;
+
+static void compare_facing(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const facing *f = user;
+    uint32_t nearest = PC_INVALID_INDEX;
+    for (size_t t = begin; t < end; ++t) {
+        if (t % f->stride != 0) {
+            continue;
+        }
+        double middle[3], ours[3], theirs[3];
+        pci_triangle_middle(f->layer, t, middle);
+        pci_triangle_vector(f->layer, t, ours);
+        nearest = pci_bvh_closest_near(f->bvh, middle, nearest).triangle;
+        pci_triangle_vector(f->reference, nearest, theirs);
+        f->votes[t] = pci_normalize(theirs) ? pci_dot(ours, theirs) : 0.0;
+    }
+}
+
+pc_status pci_face_like(pci_scratch *scratch, const char *stage, const pc_mesh *reference,
+                        size_t stride, pc_mesh *layer) {
+    pci_topology topology;
+    pci_bvh *bvh = NULL;
+    double *votes = PCI_SCRATCH(scratch, double, layer->triangle_count);
+    uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
+    if (scratch->failed || !pci_topology_build_edges(scratch, layer, &topology)) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    const size_t count = pci_triangle_components(scratch, layer, &topology, component);
+    double *sums = PCI_SCRATCH(scratch, double, count);
+    if (sums == NULL) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    const pc_status status = pci_bvh_create(scratch->context, stage, reference, &bvh);
+    if (status != PC_OK) {
+        return status;
+    }
+    facing job = {bvh, reference, layer, stride, votes};
+    pci_parallel_for(scratch->context, layer->triangle_count, grain, compare_facing, &job);
+    pci_bvh_destroy(scratch->context, bvh);
+    for (size_t t = 0; t < layer->triangle_count; ++t) {
+        sums[component[t]] += votes[t];
+    }
+    for (size_t t = 0; t < layer->triangle_count; ++t) {
+        if (sums[component[t]] < 0.0) {
+            uint32_t *corner = &layer->triangles[3 * t];
+            const uint32_t second = corner[1];
+            corner[1] = corner[2];
+            corner[2] = second;
+        }
+    }
+    return PC_OK;
+}

@@ -1,0 +1,343 @@
+#include "stages/simplify/clustering.h"
+
+#include "core/heap.h"
+
+typedef struct clustering {
+    pci_scratch *scratch;
+    const pci_halfedge *mesh;
+    const double *weights, *scales;
+    size_t count; // clusters that are sought; those from here on are given
+    size_t all;   // clusters
+    uint32_t *cluster;
+    uint32_t *edges; // #edges by 2
+    size_t edge_count;
+    double *masses;                      // per cluster
+    double *moments;                     // per cluster, 3: sum of weighted positions
+    uint32_t *sizes;                     // per cluster, vertices
+    uint32_t *modified;                  // per cluster, last pass that changed it
+    uint32_t *pieces, *queue, *heaviest; // #V, #V, per cluster: work space of attach_orphans
+    double *piece_masses;                // #V
+    double origin[3];                    // positions count from here, against cancellation
+} clustering;
+
+// ---- seeds --------------------------------------------------------------------------------------
+
+// Distances along edges to the seeds placed so far.
+typedef struct seeding {
+    clustering *clusters;
+    double *distances; // #V
+    pci_heap front;    // of the seed that spreads
+    double reach;      // of a seed
+    size_t count;      // seeds
+} seeding;
+
+static bool is_given(const clustering *c, size_t v) { return c->cluster[v] >= c->count; }
+
+// Makes `vertex` a seed, which takes over what is within reach and nearer to it than to all earlier
+// ones.
+static bool plant(seeding *s, uint32_t vertex) {
+    clustering *c = s->clusters;
+    const pci_halfedge *mesh = c->mesh;
+    const uint32_t seed = (uint32_t)s->count++;
+    s->distances[vertex] = 0.0;
+    c->cluster[vertex] = seed;
+    if (!pci_keep_going(c->scratch->context) ||
+        !pci_heap_push(c->scratch, &s->front, 0.0, vertex)) {
+        return false;
+    }
+    pci_heap_entry entry;
+    while (pci_heap_pop(&s->front, &entry)) {
+        const uint32_t v = entry.item;
+        if (entry.key > s->distances[v]) {
+            continue;
+        }
+        PCI_FOR_OUTGOING(mesh, v, h) {
+            // Targets of the outgoing half-edges, and the last neighbour of an open fan.
+            const uint32_t ends[2] = {pci_target(mesh, h), mesh->corners[pci_previous(h)]};
+            const size_t end_count = mesh->twins[pci_previous(h)] == PC_INVALID_INDEX ? 2 : 1;
+            for (size_t i = 0; i < end_count; ++i) {
+                const double distance =
+                    entry.key +
+                    0.5 * (c->scales[v] + c->scales[ends[i]]) *
+                        sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)v],
+                                                  &mesh->positions[3 * (size_t)ends[i]]));
+                if (distance < s->distances[ends[i]] && distance < s->reach) {
+                    s->distances[ends[i]] = distance;
+                    c->cluster[ends[i]] = seed;
+                    if (!pci_heap_push(c->scratch, &s->front, distance, ends[i])) {
+                        return false;
+                    }
+                }
+            }
+        }
+    }
+    return true;
+}
+
+// Plants seeds in the order of the vertices, none within reach of an earlier one, until all
+// vertices are within reach of one; no more than `limit`. False: out of memory or cancelled.
+static bool pack_seeds(seeding *s, uint32_t first, size_t limit) {
+    const size_t nv = s->clusters->mesh->vertex_count;
+    s->count = 0;
+    for (size_t v = 0; v < nv; ++v) {
+        s->distances[v] = is_given(s->clusters, v) ? -HUGE_VAL : HUGE_VAL;
+    }
+    for (size_t i = 0; i < nv && s->count < limit; ++i) {
+        const uint32_t v = (uint32_t)((first + i) % nv);
+        if (s->distances[v] == HUGE_VAL && !plant(s, v)) {
+            return false;
+        }
+    }
+    return true;
+}
+
+// Plants each new seed at the vertex farthest from all earlier ones, up to the number of clusters.
+// Parts that no seed reaches are infinitely far and come first.
+static bool fill_seeds(seeding *s) {
+    clustering *c = s->clusters;
+    pci_heap farthest = {0};
+    for (size_t v = 0; v < c->mesh->vertex_count; ++v) {
+        if (!is_given(c, v) &&
+            !pci_heap_push(c->scratch, &farthest, -s->distances[v], (uint32_t)v)) {
+            return false;
+        }
+    }
+    s->reach = INFINITY;
+    pci_heap_entry entry;
+    while (s->count < c->count && pci_heap_pop(&farthest, &entry)) {
+        const bool nearer_since = -entry.key > s->distances[entry.item];
+        if (nearer_since
+                ? !pci_heap_push(c->scratch, &farthest, -s->distances[entry.item], entry.item)
+                : !plant(s, entry.item)) {
+            return false;
+        }
+    }
+    return true;
+}
+
+// Farthest-point seeds along edges. The first ones, which would each visit most of the mesh, are
+// packed instead: about one in twenty, four edge lengths apart.
+static bool place_seeds(clustering *c, uint32_t first) {
+    static const double packing_reach = 4.0;
+    const size_t nv = c->mesh->vertex_count;
+    seeding s = {.clusters = c, .distances = PCI_SCRATCH(c->scratch, double, nv)};
+    if (s.distances == NULL) {
+        return false;
+    }
+    double area = 0.0; // in lengths that are scaled
+    for (size_t v = 0; v < nv; ++v) {
+        area += is_given(c, v) ? 0.0 : c->weights[v] / (c->scales[v] * c->scales[v]);
+    }
+    s.reach = packing_reach * sqrt(2.0 / sqrt(3.0) * area / (double)c->count);
+    // Thin ropes have length but no area: they need a wider reach.
+    const size_t limit = c->count / 2 + 1;
+    do {
+        if (!pack_seeds(&s, first, limit)) {
+            return false;
+        }
+        s.reach *= 2.0;
+    } while (s.count == limit && s.count > 1);
+    return fill_seeds(&s);
+}
+
+// ---- exchanges ----------------------------------------------------------------------------------
+
+static void sum_clusters(clustering *c) {
+    memset(c->masses, 0, c->all * sizeof(*c->masses));
+    memset(c->moments, 0, 3 * c->all * sizeof(*c->moments));
+    memset(c->sizes, 0, c->all * sizeof(*c->sizes));
+    for (size_t v = 0; v < c->mesh->vertex_count; ++v) {
+        const size_t i = c->cluster[v];
+        c->masses[i] += c->weights[v];
+        ++c->sizes[i];
+        for (size_t k = 0; k < 3; ++k) {
+            c->moments[3 * i + k] += c->weights[v] * (c->mesh->positions[3 * v + k] - c->origin[k]);
+        }
+    }
+}
+
+// Change of the energy when vertex v leaves cluster `from` for cluster `to`.
+static double exchange_cost(const clustering *c, size_t v, size_t from, size_t to) {
+    const double w = c->weights[v], mass_from = c->masses[from], mass_to = c->masses[to];
+    if (c->sizes[from] == 1 || !(mass_from > w)) {
+        return INFINITY;
+    }
+    double left = 0.0, joined = 0.0; // squared distances to both centroids
+    for (size_t k = 0; k < 3; ++k) {
+        const double x = c->mesh->positions[3 * v + k] - c->origin[k];
+        const double a = x - c->moments[3 * from + k] / mass_from;
+        const double b = x - c->moments[3 * to + k] / mass_to;
+        left += a * a;
+        joined += b * b;
+    }
+    return w * (mass_to / (mass_to + w) * joined - mass_from / (mass_from - w) * left);
+}
+
+static void exchange(clustering *c, size_t v, size_t from, size_t to, uint32_t pass) {
+    const double w = c->weights[v];
+    for (size_t k = 0; k < 3; ++k) {
+        const double moment = w * (c->mesh->positions[3 * v + k] - c->origin[k]);
+        c->moments[3 * from + k] -= moment;
+        c->moments[3 * to + k] += moment;
+    }
+    c->masses[from] -= w, c->masses[to] += w;
+    --c->sizes[from], ++c->sizes[to];
+    c->cluster[v] = (uint32_t)to;
+    c->modified[from] = pass, c->modified[to] = pass;
+}
+
+// One sweep over the edges between clusters; a vertex changes sides where that lowers the energy.
+// Clusters that rest since the last sweep are skipped. Returns the number of exchanges.
+static size_t sweep(clustering *c, uint32_t pass) {
+    size_t exchanges = 0;
+    for (size_t e = 0; e < c->edge_count; ++e) {
+        const size_t a = c->edges[2 * e], b = c->edges[2 * e + 1];
+        const size_t ca = c->cluster[a], cb = c->cluster[b];
+        if (ca == cb || ca >= c->count || cb >= c->count ||
+            (c->modified[ca] + 1 < pass && c->modified[cb] + 1 < pass)) {
+            continue;
+        }
+        const double to_b = exchange_cost(c, a, ca, cb), to_a = exchange_cost(c, b, cb, ca);
+        if (to_b < 0.0 && to_b <= to_a) {
+            exchange(c, a, ca, cb, pass);
+            ++exchanges;
+        } else if (to_a < 0.0) {
+            exchange(c, b, cb, ca, pass);
+            ++exchanges;
+        }
+    }
+    return exchanges;
+}
+
+// Keeps the heaviest piece of every cluster; the other pieces go to neighbours, ring by ring.
+// Returns the number of vertices that moved.
+static size_t attach_orphans(clustering *c) {
+    const pci_halfedge *mesh = c->mesh;
+    const size_t nv = mesh->vertex_count;
+    uint32_t *piece = c->pieces, *queue = c->queue, *heaviest = c->heaviest;
+    double *piece_masses = c->piece_masses;
+    memset(piece, 0xff, nv * sizeof(*piece));
+    memset(piece_masses, 0, nv * sizeof(*piece_masses));
+    memset(heaviest, 0xff, c->all * sizeof(*heaviest));
+    uint32_t pieces = 0;
+    for (size_t start = 0; start < nv; ++start) {
+        if (piece[start] != PC_INVALID_INDEX) {
+            continue;
+        }
+        const uint32_t own = c->cluster[start];
+        size_t count = 0;
+        queue[count++] = (uint32_t)start;
+        piece[start] = pieces;
+        for (size_t next = 0; next < count; ++next) {
+            const uint32_t v = queue[next];
+            piece_masses[pieces] += c->weights[v];
+            PCI_FOR_OUTGOING(mesh, v, h) {
+                const uint32_t ends[2] = {pci_target(mesh, h), mesh->corners[pci_previous(h)]};
+                for (size_t i = 0; i < 2; ++i) {
+                    if (piece[ends[i]] == PC_INVALID_INDEX && c->cluster[ends[i]] == own) {
+                        piece[ends[i]] = pieces;
+                        queue[count++] = ends[i];
+                    }
+                }
+            }
+        }
+        if (heaviest[own] == PC_INVALID_INDEX ||
+            piece_masses[pieces] > piece_masses[heaviest[own]]) {
+            heaviest[own] = pieces;
+        }
+        ++pieces;
+    }
+    size_t count = 0, orphans = 0;
+    for (size_t v = 0; v < nv; ++v) {
+        if (is_given(c, v) || piece[v] == heaviest[c->cluster[v]]) {
+            queue[count++] = (uint32_t)v;
+        } else {
+            c->cluster[v] = PC_INVALID_INDEX;
+            ++orphans;
+        }
+    }
+    for (size_t next = 0; orphans > 0 && next < count; ++next) {
+        const uint32_t v = queue[next];
+        PCI_FOR_OUTGOING(mesh, v, h) {
+            const uint32_t ends[2] = {pci_target(mesh, h), mesh->corners[pci_previous(h)]};
+            for (size_t i = 0; i < 2; ++i) {
+                if (c->cluster[ends[i]] == PC_INVALID_INDEX) {
+                    c->cluster[ends[i]] = c->cluster[v];
+                    queue[count++] = ends[i];
+                }
+            }
+        }
+    }
+    return orphans;
+}
+
+static bool list_edges(clustering *c) {
+    const pci_halfedge *mesh = c->mesh;
+    for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
+        c->edge_count += pci_is_edge(mesh, h);
+    }
+    uint32_t *next = c->edges = PCI_SCRATCH(c->scratch, uint32_t, 2 * c->edge_count);
+    for (uint32_t h = 0; next != NULL && h < 3 * mesh->triangle_count; ++h) {
+        if (pci_is_edge(mesh, h)) {
+            *next++ = pci_origin(mesh, h);
+            *next++ = pci_target(mesh, h);
+        }
+    }
+    return next != NULL;
+}
+
+static bool run(clustering *c, uint32_t first, uint32_t passes, uint64_t *iterations) {
+    c->masses = PCI_SCRATCH(c->scratch, double, c->all);
+    c->moments = PCI_SCRATCH(c->scratch, double, 3 * c->all);
+    c->sizes = PCI_SCRATCH(c->scratch, uint32_t, c->all);
+    c->modified = PCI_SCRATCH(c->scratch, uint32_t, c->all);
+    c->pieces = PCI_SCRATCH(c->scratch, uint32_t, c->mesh->vertex_count);
+    c->piece_masses = PCI_SCRATCH(c->scratch, double, c->mesh->vertex_count);
+    c->queue = PCI_SCRATCH(c->scratch, uint32_t, c->mesh->vertex_count);
+    c->heaviest = PCI_SCRATCH(c->scratch, uint32_t, c->all);
+    if (c->scratch->failed || !list_edges(c) || !place_seeds(c, first)) {
+        return false;
+    }
+    memcpy(c->origin, c->mesh->positions, sizeof(c->origin));
+    // Exchanges look at energies only, so they may tear a cluster; pieces are handed over whenever
+    // the exchanges rest, and at the end.
+    size_t orphans = 1;
+    uint32_t pass = 1;
+    while (orphans > 0 && pass <= passes) {
+        sum_clusters(c);
+        for (size_t i = 0; i < c->all; ++i) {
+            c->modified[i] = pass;
+        }
+        while (pass <= passes && sweep(c, pass) > 0) {
+            if (!pci_keep_going(c->scratch->context)) {
+                return false;
+            }
+            ++pass;
+        }
+        ++pass;
+        orphans = attach_orphans(c);
+    }
+    *iterations = pass - 1 < passes ? pass - 1 : passes;
+    return true;
+}
+
+bool pci_cluster_vertices(pc_context *context, const pci_halfedge *mesh, const double *weights,
+                          const double *scales, size_t cluster_count, const uint32_t *fixed,
+                          size_t fixed_count, uint32_t first, uint32_t passes, uint32_t *cluster,
+                          uint64_t *iterations) {
+    pci_scratch scratch = pci_scratch_begin(context);
+    clustering c = {.scratch = &scratch,
+                    .mesh = mesh,
+                    .weights = weights,
+                    .scales = scales,
+                    .count = cluster_count,
+                    .all = cluster_count + fixed_count,
+                    .cluster = cluster};
+    for (size_t v = 0; v < mesh->vertex_count; ++v) {
+        const bool given = fixed != NULL && fixed[v] != PC_INVALID_INDEX;
+        cluster[v] = given ? (uint32_t)cluster_count + fixed[v] : 0;
+    }
+    const bool done = run(&c, first, passes, iterations);
+    pci_scratch_end(&scratch);
+    return done;
+}

@@ -1,0 +1,206 @@
+#include "stages/simplify/sampling.h"
+
+#include "core/heap.h"
+#include "geometry/locality.h"
+#include "geometry/topology.h"
+
+// Fine vertices per cluster: with fewer the centroids are coarse, with more nothing changes.
+static const size_t samples_per_cluster = PCI_EFFORT(16, 4);
+// The longest edge after bisections, in lengths of an even mesh.
+static const double bisection_spread = 1.5;
+
+// ---- refinement -------------------------------------------------------------------------------
+
+typedef struct refinement {
+    pci_scratch *scratch;
+    pci_halfedge *mesh;
+    double *scales; // #V, lengths count that many times; NULL: 1
+    size_t scale_capacity;
+    pci_heap longest;
+} refinement;
+
+static double edge_length(const pci_halfedge *mesh, uint32_t h) {
+    return sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)pci_origin(mesh, h)],
+                                     &mesh->positions[3 * (size_t)pci_target(mesh, h)]));
+}
+
+static double edge_key(const refinement *r, uint32_t h) {
+    const double length = edge_length(r->mesh, h);
+    return r->scales == NULL
+               ? -length
+               : -0.5 * length *
+                     (r->scales[pci_origin(r->mesh, h)] + r->scales[pci_target(r->mesh, h)]);
+}
+
+static bool push_edge(refinement *r, uint32_t h) {
+    const uint32_t twin = r->mesh->twins[h];
+    const uint32_t edge = twin < h ? twin : h;
+    return pci_heap_push(r->scratch, &r->longest, edge_key(r, edge), edge);
+}
+
+static bool split(refinement *r, uint32_t edge) {
+    pci_halfedge *mesh = r->mesh;
+    const size_t ends[2] = {pci_origin(mesh, edge), pci_target(mesh, edge)};
+    const double *a = &mesh->positions[3 * ends[0]], *b = &mesh->positions[3 * ends[1]];
+    const double middle[3] = {0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])};
+    const uint32_t v = pci_split_edge(mesh, edge, middle);
+    if (v == PC_INVALID_INDEX) {
+        return false;
+    }
+    if (r->scales != NULL) {
+        void *scales = r->scales;
+        if (!pci_scratch_reserve(r->scratch, &scales, &r->scale_capacity, mesh->vertex_count,
+                                 sizeof(*r->scales))) {
+            return false;
+        }
+        r->scales = scales;
+        r->scales[v] = 0.5 * (r->scales[ends[0]] + r->scales[ends[1]]);
+    }
+    // Every triangle at the new vertex was rewritten.
+    PCI_FOR_OUTGOING(mesh, v, h) {
+        const bool last = mesh->twins[pci_previous(h)] == PC_INVALID_INDEX;
+        if (!push_edge(r, h) || !push_edge(r, pci_next(h)) ||
+            (last && !push_edge(r, pci_previous(h)))) {
+            return false;
+        }
+    }
+    return true;
+}
+
+// Splits the longest edge while there are fewer vertices than wanted or it is longer than `length`.
+static bool refine(refinement *r, size_t vertices, double length) {
+    pci_halfedge *mesh = r->mesh;
+    const size_t missing = vertices > mesh->live_vertices ? vertices - mesh->live_vertices : 0;
+    if (!pci_halfedge_reserve(mesh, mesh->vertex_count + missing,
+                              mesh->triangle_count + 2 * missing)) {
+        return false;
+    }
+    r->longest.count = 0;
+    for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
+        const bool wanted = mesh->live_vertices < vertices || -edge_key(r, h) > length;
+        if (pci_is_edge(mesh, h) && wanted && !push_edge(r, h)) {
+            return false;
+        }
+    }
+    pci_heap_entry entry;
+    while (pci_heap_pop(&r->longest, &entry) &&
+           (mesh->live_vertices < vertices || -entry.key > length)) {
+        if (!pci_is_edge(mesh, entry.item) || edge_key(r, entry.item) != entry.key) {
+            continue; // changed since
+        }
+        if (!split(r, entry.item)) {
+            return false;
+        }
+    }
+    return true;
+}
+
+// Edge length of even clusters where the scale is 1.
+static double even_spacing(const pci_halfedge *mesh, const double *scales, size_t clusters) {
+    const pc_mesh view = {mesh->vertex_count, mesh->positions, mesh->triangle_count, mesh->corners};
+    double area = 0.0;
+    for (size_t t = 0; t < view.triangle_count; ++t) {
+        const uint32_t *c = &view.triangles[3 * t];
+        const double scale =
+            scales != NULL ? (scales[c[0]] + scales[c[1]] + scales[c[2]]) / 3.0 : 1.0;
+        area += scale * scale * pci_triangle_area(&view, t);
+    }
+    return sqrt(2.0 / sqrt(3.0) * area / (double)clusters);
+}
+
+// Refines again where the density map wants shorter edges.
+static bool refine_to_map(refinement *r, const pci_density *density, size_t clusters) {
+    pci_halfedge *mesh = r->mesh;
+    r->scales = PCI_SCRATCH(r->scratch, double, mesh->vertex_count);
+    r->scale_capacity = mesh->vertex_count;
+    if (r->scales == NULL ||
+        !pci_density_sample(density, mesh->vertex_count, mesh->positions, r->scales) ||
+        !pci_limit_gradation(r->scratch, mesh, even_spacing(mesh, r->scales, clusters),
+                             r->scales)) {
+        return false;
+    }
+    const double spacing = even_spacing(mesh, r->scales, clusters);
+    return refine(r, 0, bisection_spread * spacing / sqrt((double)samples_per_cluster));
+}
+
+// ---- sampling ---------------------------------------------------------------------------------
+
+// Enough vertices for the clusters, neighbours next to each other in memory.
+static bool sample(pci_scratch *scratch, const pc_mesh *layer, size_t vertices,
+                   const pci_density *density, pci_sampling *s) {
+    pci_scratch inner = pci_scratch_begin(scratch->context);
+    pci_halfedge refined;
+    refinement r = {.scratch = &inner, .mesh = &refined};
+    pc_mesh sorted = {0};
+    uint32_t *order = NULL;
+    bool done = pci_halfedge_build(&inner, layer, &refined) && pci_keep_going(scratch->context) &&
+                refine(&r, samples_per_cluster * vertices, INFINITY) &&
+                (density == NULL || refine_to_map(&r, density, vertices)) &&
+                pci_keep_going(scratch->context);
+    if (done) {
+        const pc_mesh unsorted = {refined.vertex_count, refined.positions, refined.triangle_count,
+                                  refined.corners};
+        done = pci_sort_mesh(&inner, &unsorted, &sorted, &order) &&
+               pci_keep_going(scratch->context) && pci_halfedge_build(scratch, &sorted, &s->mesh);
+    }
+    if (done && density != NULL) {
+        s->densities = PCI_SCRATCH(scratch, double, sorted.vertex_count);
+        done = s->densities != NULL;
+        for (size_t v = 0; done && v < sorted.vertex_count; ++v) {
+            s->densities[v] = r.scales[order[v]];
+        }
+    }
+    pci_scratch_end(&inner);
+    return done && pci_keep_going(scratch->context);
+}
+
+bool pci_sampling_begin(pci_scratch *scratch, const pc_mesh *layer, size_t vertices,
+                        const pci_density *density, pci_sampling *s) {
+    memset(s, 0, sizeof(*s));
+    if (!sample(scratch, layer, vertices, density, s)) {
+        return false;
+    }
+    const size_t nv = s->mesh.vertex_count;
+    s->normals = PCI_SCRATCH(scratch, double, 3 * nv);
+    s->areas = PCI_SCRATCH(scratch, double, nv);
+    s->arcs = PCI_SCRATCH(scratch, double, nv);
+    s->scales = PCI_SCRATCH(scratch, double, nv);
+    s->weights = PCI_SCRATCH(scratch, double, nv);
+    if (scratch->failed) {
+        return false;
+    }
+    const pc_mesh mesh = {nv, s->mesh.positions, s->mesh.triangle_count, s->mesh.corners};
+    pci_vertex_normals(&mesh, s->normals);
+    for (size_t t = 0; t < mesh.triangle_count; ++t) {
+        const double area = pci_triangle_area(&mesh, t);
+        s->total += area;
+        for (size_t c = 0; c < 3; ++c) {
+            s->areas[mesh.triangles[3 * t + c]] += area / 3.0;
+        }
+    }
+    for (uint32_t h = 0; h < 3 * mesh.triangle_count; ++h) {
+        if (s->mesh.twins[h] == PC_INVALID_INDEX) {
+            const double length = edge_length(&s->mesh, h);
+            s->arcs[pci_origin(&s->mesh, h)] += 0.5 * length;
+            s->arcs[pci_target(&s->mesh, h)] += 0.5 * length;
+        }
+    }
+    for (size_t v = 0; v < nv; ++v) {
+        // Degenerate triangles must not leave a vertex without weight.
+        s->areas[v] = fmax(s->areas[v], 1e-9 * s->total / (double)nv);
+        s->weights[v] = s->areas[v];
+        s->scales[v] = 1.0;
+    }
+    s->spacing = even_spacing(&s->mesh, NULL, vertices);
+    return true;
+}
+
+void pci_sampling_weigh(pci_sampling *s) {
+    for (size_t v = 0; v < s->mesh.vertex_count; ++v) {
+        if (s->densities != NULL) {
+            s->scales[v] = fmax(s->scales[v], s->densities[v]);
+        }
+        // The density of a centroidal Voronoi diagram is the fourth power of the inverse size.
+        s->weights[v] = s->areas[v] * pow(s->scales[v], 4.0);
+    }
+}

@@ -1,0 +1,29 @@
+// The fine mesh whose vertices are clustered: the single layer, refined until every cluster gets
+// enough of them, with what belongs to its vertices.
+#ifndef PCI_SAMPLING_H
+#define PCI_SAMPLING_H
+
+#include "stages/simplify/density.h"
+
+typedef struct pci_sampling {
+    pci_halfedge mesh;
+    double *normals;   // #V by 3, unit
+    double *areas;     // #V, shares of the surface
+    double *arcs;      // #V, shares of the border
+    double *densities; // #V, how many times shorter edges should be by the density map; NULL: none
+    double *scales;    // #V, how many times shorter edges should be in all; starts with 1
+    double *weights;   // #V, areas times density
+    double total;      // area
+    double spacing;    // edge length of uniform clusters
+} pci_sampling;
+
+// Samples for `vertices` clusters of a layer that is manifold (pci_mesh_repair).
+// @param density  NULL: uniform
+// False: out of memory or cancelled.
+bool pci_sampling_begin(pci_scratch *scratch, const pc_mesh *layer, size_t vertices,
+                        const pci_density *density, pci_sampling *sampling);
+
+// Raises the scales to the density map, then sets the weights that belong to the scales.
+void pci_sampling_weigh(pci_sampling *sampling);
+
+#endif

@@ -1,0 +1,36 @@
+// Which frames the solver looks at, and the Gram matrix of the proxy over them. For skin*.c.
+#ifndef PCI_SKIN_GRAM_H
+#define PCI_SKIN_GRAM_H
+
+#include "stages/skin/skin_frames.h"
+
+// Frames that a round looks at: every block, or some as a sample for most of the way.
+typedef enum pci_skin_level { PCI_SKIN_ALL, PCI_SKIN_SAMPLE, PCI_SKIN_LEVELS } pci_skin_level;
+
+typedef struct pci_skin_frame_level {
+    size_t stride; // of the blocks
+    double factor; // all frames over those of the level
+} pci_skin_frame_level;
+
+// Of one proxy and its motion, for all problems that they drive. There is room for the matrix of
+// one level: few runs change it more than once.
+typedef struct pci_skin_gram {
+    pci_skin_frames driver; // no more than pci_skin_frames_begin gives, and the blocks
+    pci_skin_frame_level levels[PCI_SKIN_LEVELS];
+    pci_skin_level level; // whose matrix is there
+    double *matrix;       // times the factor, with the noise; see pci_skin_quadratic
+    const pc_mesh *proxy; // the caller's
+    double noise_share;   // variance over the mean square of how far its neighbours move apart
+    double noise;         // in the matrix, on the diagonal
+    double *rows;         // 3 PCI_BLOCK by #P columns
+} pci_skin_gram;
+
+// The matrix is that of the sample. False: out of memory.
+bool pci_skin_gram_build(pci_scratch *scratch, const pci_skin_problem *problem,
+                         const pci_skin_kernel *kernel, const pc_mesh *proxy, double noise,
+                         pci_skin_gram *gram);
+
+// Makes the matrix that of a level.
+void pci_skin_gram_use(pci_skin_gram *gram, pci_skin_level level);
+
+#endif

@@ -1,0 +1,563 @@
+#include "stages/skin/skin_quadratic.h"
+
+#include <float.h>
+
+#include "stages/skin/skin_frames.h"
+#include "stages/skin/skin_matrix.h"
+#include "stages/skin/skin_simplex.h"
+
+static const double ridge_share = 1e-9; // of the trace of a block, keeps it definite
+
+static float *aligned_floats(pci_scratch *scratch, size_t count) {
+    char *memory = pci_scratch_allocate(scratch, count * sizeof(float) + 64, 1);
+    return memory == NULL ? NULL : (float *)(void *)(memory + (64 - (uintptr_t)memory % 64) % 64);
+}
+
+// Largest numbers of what a group needs.
+typedef struct group_sizes {
+    size_t rows, own_bones, bones;
+} group_sizes;
+
+// How many bones of some vertices do not have this mark yet.
+static size_t count_bones(const pci_skin_quadratic *q, const uint32_t *vertices, size_t count,
+                          uint32_t mark, uint32_t *marks) {
+    size_t bones = 0;
+    for (size_t i = 0; i < count * q->slots; ++i) {
+        const uint32_t bone = q->bones[q->slots * vertices[i / q->slots] + i % q->slots];
+        bones += marks[bone] != mark;
+        marks[bone] = mark;
+    }
+    return bones;
+}
+
+static bool find_group_sizes(pci_scratch *scratch, const pci_skin_quadratic *q,
+                             group_sizes *sizes) {
+    pci_scratch local = pci_scratch_begin(scratch->context);
+    uint32_t *marks = PCI_SCRATCH(&local, uint32_t, q->proxy_count);
+    const bool good = !local.failed;
+    memset(sizes, 0, sizeof(*sizes));
+    for (uint32_t g = 0; g < q->group_count && good; ++g) {
+        const uint32_t *known = &q->known[q->known_offsets[g]];
+        const size_t own = pci_skin_group_begin(q, g + 1) - pci_skin_group_begin(q, g);
+        const size_t rows = q->known_offsets[g + 1] - q->known_offsets[g];
+        const size_t own_bones = count_bones(q, known, own, g + 1, marks);
+        const size_t bones = own_bones + count_bones(q, &known[own], rows - own, g + 1, marks);
+        sizes->rows = rows > sizes->rows ? rows : sizes->rows;
+        sizes->own_bones = own_bones > sizes->own_bones ? own_bones : sizes->own_bones;
+        sizes->bones = bones > sizes->bones ? bones : sizes->bones;
+    }
+    pci_scratch_end(&local);
+    return good;
+}
+
+static size_t row_stride(const pci_skin_quadratic *q, size_t bones) {
+    return (q->width * bones + PCI_SKIN_STRIDE - 1) / PCI_SKIN_STRIDE * PCI_SKIN_STRIDE;
+}
+
+// Room for the largest group, for each thread.
+static bool build_loaded(pci_scratch *scratch, pci_skin_quadratic *q) {
+    const uint32_t threads = pc_context_threads(scratch->context);
+    group_sizes sizes;
+    q->loaded = PCI_SCRATCH(scratch, pci_skin_group, threads);
+    if (scratch->failed || !find_group_sizes(scratch, q, &sizes)) {
+        return false;
+    }
+    const size_t stride = row_stride(q, sizes.bones), width = q->width * sizes.own_bones;
+    for (uint32_t i = 0; i < threads; ++i) {
+        pci_skin_group *g = &q->loaded[i];
+        g->bone_numbers = PCI_SCRATCH(scratch, uint32_t, q->proxy_count);
+        g->places = PCI_SCRATCH(scratch, uint32_t, (size_t)PCI_SKIN_GROUP * q->slots);
+        g->bones = PCI_SCRATCH(scratch, uint32_t, sizes.bones);
+        g->moves = PCI_SCRATCH(scratch, pci_skin_move, sizes.rows * q->slots);
+        g->moved = aligned_floats(scratch, sizes.rows * stride);
+        g->gram = aligned_floats(scratch, width * stride);
+        g->own_gram = PCI_SCRATCH(scratch, double, width *width);
+        g->sum = aligned_floats(scratch, stride);
+    }
+    return !scratch->failed;
+}
+
+// Z is kept of faces of so many slots; rows rarely have more for long.
+enum { KEPT_SLOTS = 10 };
+
+static size_t triangle_size(size_t slots) { return slots * (slots + 1) / 2; }
+
+static size_t kept_size(const pci_skin_quadratic *q) {
+    return triangle_size(q->widest < KEPT_SLOTS ? q->widest : KEPT_SLOTS);
+}
+
+bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *problem,
+                              const pci_skin_kernel *kernel, const double *points,
+                              const double scale[4], const double *diagonal, const double *gram,
+                              const uint32_t *allowed, pci_skin_quadratic *q) {
+    memset(q, 0, sizeof(*q));
+    q->kernel = kernel;
+    q->context = scratch->context;
+    q->vertex_count = problem->vertex_count;
+    q->proxy_count = problem->proxy_count;
+    q->slots = q->widest = problem->slots;
+    q->bones = problem->bones;
+    q->width = pci_skin_columns(problem);
+    q->points = points;
+    q->gram = gram;
+    q->allowed = allowed;
+    q->faces = PCI_SCRATCH(scratch, uint32_t, q->vertex_count);
+    q->inverses = PCI_SCRATCH(scratch, float, q->vertex_count *kept_size(q));
+    return !scratch->failed && pci_skin_matrix_build(scratch, problem, scale, diagonal, q) &&
+           build_loaded(scratch, q);
+}
+
+bool pci_skin_quadratic_weigh(pci_scratch *scratch, const pci_skin_problem *problem,
+                              const double scale[4], const double *diagonal,
+                              pci_skin_quadratic *q) {
+    return pci_skin_matrix_fill(scratch, problem, scale, diagonal, q);
+}
+
+void pci_skin_quadratic_use(pci_skin_quadratic *q, uint32_t slots) {
+    memset(q->faces, 0, q->vertex_count * sizeof(*q->faces));
+    q->slots = slots;
+}
+
+// ---- sweeps -------------------------------------------------------------------------------------
+
+typedef struct sweep_job {
+    const pci_skin_quadratic *q;
+    float *const *gradient; // #groups
+    float *moved;           // w - w0
+    double *weights;
+    const uint32_t *groups; // of the running colour
+    bool backward;
+    uint32_t kept;     // slots to keep, or 0
+    uint32_t *allowed; // of the quadratic, if slots are taken away
+} sweep_job;
+
+static void number_bone(pci_skin_group *g, uint32_t bone) {
+    if (g->bone_numbers[bone] == 0) {
+        g->bones[g->bone_count] = bone;
+        g->bone_numbers[bone] = ++g->bone_count;
+    }
+}
+
+// Numbers the bones of a group: those that its own rows may use, then those along which any row has
+// moved.
+static void number_bones(const sweep_job *job, uint32_t group, pci_skin_group *g) {
+    const pci_skin_quadratic *q = job->q;
+    g->first = pci_skin_group_begin(q, group);
+    g->own_count = (uint32_t)(pci_skin_group_begin(q, (size_t)group + 1) - g->first);
+    g->vertices = &q->known[q->known_offsets[group]];
+    g->row_count = (uint32_t)(q->known_offsets[group + 1] - q->known_offsets[group]);
+    g->gradient = job->gradient[group];
+    g->bone_count = 0;
+    for (size_t row = 0; row < g->own_count; ++row) {
+        const size_t v = g->vertices[row];
+        for (uint32_t k = 0; k < q->slots; ++k) {
+            if (q->allowed[v] >> k & 1) {
+                const uint32_t bone = q->bones[v * q->slots + k];
+                number_bone(g, bone);
+                g->places[row * q->slots + k] = g->bone_numbers[bone] - 1;
+            }
+        }
+    }
+    g->own_bone_count = g->bone_count;
+    g->move_count = 0;
+    for (uint32_t row = 0; row < g->row_count; ++row) {
+        const size_t begin = q->slots * (size_t)g->vertices[row];
+        for (size_t slot = begin; slot < begin + q->slots; ++slot) {
+            const float step = job->moved[slot];
+            if (step != 0.0f) {
+                number_bone(g, q->bones[slot]);
+                const pci_skin_move move = {row, g->bone_numbers[q->bones[slot]] - 1, step};
+                g->moves[g->move_count++] = move;
+            }
+        }
+    }
+    g->stride = row_stride(q, g->bone_count);
+}
+
+// What the rows have moved.
+static void load_moves(const pci_skin_quadratic *q, pci_skin_group *g) {
+    const size_t width = q->width;
+    memset(g->moved, 0, g->row_count * g->stride * sizeof(*g->moved));
+    for (size_t i = 0; i < g->move_count; ++i) {
+        const pci_skin_move *move = &g->moves[i];
+        float *moved = &g->moved[move->row * g->stride + width * move->bone];
+        const double *x = &q->points[g->vertices[move->row] * width];
+        for (size_t k = 0; k < width; ++k) {
+            moved[k] = (float)((double)move->step * x[k]);
+        }
+    }
+}
+
+// The rows of G of the own bones.
+static void load_gram(const pci_skin_quadratic *q, pci_skin_group *g) {
+    const size_t width = q->width, own = width * g->own_bone_count, count = width * g->bone_count;
+    for (size_t b = 0; b < own; ++b) {
+        const size_t from = width * g->bones[b / width] + b % width;
+        const double *row = &q->gram[width * q->proxy_count * from];
+        float *to = &g->gram[b * g->stride];
+        for (size_t c = 0; c < count; ++c) {
+            const double value = row[width * g->bones[c / width] + c % width];
+            to[c] = (float)value;
+            if (c < own) {
+                g->own_gram[b * own + c] = value;
+            }
+        }
+        memset(&to[count], 0, (g->stride - count) * sizeof(*to));
+    }
+}
+
+static void load_group(const sweep_job *job, uint32_t group, pci_skin_group *g) {
+    const pci_skin_quadratic *q = job->q;
+    number_bones(job, group, g);
+    load_moves(q, g);
+    load_gram(q, g);
+    for (size_t b = 0; b < g->bone_count; ++b) {
+        g->bone_numbers[g->bones[b]] = 0;
+    }
+}
+
+// One row as a small program over its allowed slots.
+typedef struct row_program {
+    uint32_t count;
+    uint32_t slots[PCI_SKIN_SLOTS_MAX];
+    size_t places[PCI_SKIN_SLOTS_MAX]; // in the matrix of the group
+    double diagonal;                   // M_ii
+    double weights[PCI_SKIN_SLOTS_MAX], gradient[PCI_SKIN_SLOTS_MAX];
+    double a[PCI_SKIN_SLOTS_MAX * PCI_SKIN_SLOTS_MAX], ridge;
+} row_program;
+
+// `width` is that of the quadratic, known where this is compiled; `place`s are those of slots.
+static inline __attribute__((always_inline)) double row_product(const pci_skin_quadratic *q,
+                                                                const pci_skin_group *g,
+                                                                const size_t width, size_t row,
+                                                                size_t place, size_t other) {
+    const double *x = &q->points[g->vertices[row] * width];
+    return pci_skin_gram_product(g->own_gram, g->own_bone_count, width, place, other, x, x);
+}
+
+// `factor` times x^T G x of some slots of a row. Returns the ridge that belongs to it.
+static inline __attribute__((always_inline)) double
+fill_matrix(const pci_skin_quadratic *q, const pci_skin_group *g, const size_t width, size_t row,
+            double factor, uint32_t count, const size_t *places, double *a) {
+    double trace = 0.0;
+    for (uint32_t i = 0; i < count; ++i) {
+        for (uint32_t j = 0; j <= i; ++j) {
+            a[i * count + j] = a[j * count + i] =
+                factor * row_product(q, g, width, row, places[i], places[j]);
+        }
+        trace += a[i * count + i];
+    }
+    return ridge_share * trace + DBL_MIN;
+}
+
+static inline __attribute__((always_inline)) void extract_row(const sweep_job *job, size_t row,
+                                                              const pci_skin_group *g,
+                                                              const size_t width, row_program *r) {
+    const pci_skin_quadratic *q = job->q;
+    const size_t v = g->vertices[row], first = q->offsets[g->first + row];
+    const double *x = &q->points[v * width];
+    uint32_t numbers[PCI_SKIN_SLOTS_MAX * PCI_SKIN_COLUMNS_MAX];
+    float products[PCI_SKIN_SLOTS_MAX * PCI_SKIN_COLUMNS_MAX];
+    r->diagonal = (double)q->values[first];
+    r->count = 0;
+    for (uint32_t k = 0; k < q->slots; ++k) {
+        if (q->allowed[v] >> k & 1) {
+            const uint32_t place = g->places[row * q->slots + k];
+            for (uint32_t c = 0; c < width; ++c) {
+                numbers[width * r->count + c] = (uint32_t)width * place + c;
+            }
+            r->places[r->count] = place;
+            r->slots[r->count] = k;
+            r->weights[r->count++] = job->weights[v * q->slots + k];
+        }
+    }
+    const pci_skin_rows rows = {.stride = g->stride,
+                                .moved = g->moved,
+                                .gram = g->gram,
+                                .entry_count = q->offsets[g->first + row + 1] - first,
+                                .entries = &q->entries[first],
+                                .values = &q->values[first]};
+    q->kernel->multiply_rows(&rows, width * r->count, numbers, g->sum, products);
+    for (uint32_t i = 0; i < r->count; ++i) {
+        double sum = (double)products[width * i];
+        for (size_t k = 1; k < width; ++k) {
+            sum += x[k] * (double)products[width * i + k];
+        }
+        r->gradient[i] = (double)g->gradient[row * q->slots + r->slots[i]] + sum;
+    }
+}
+
+// The slots of a row that have weight.
+typedef struct row_face {
+    uint32_t count, bits;
+    uint32_t members[PCI_SKIN_SLOTS_MAX]; // of the program
+    size_t places[PCI_SKIN_SLOTS_MAX];
+} row_face;
+
+static void find_face(const row_program *r, row_face *face) {
+    face->count = face->bits = 0;
+    for (uint32_t i = 0; i < r->count; ++i) {
+        if (r->weights[i] > 0.0) {
+            face->places[face->count] = r->places[i];
+            face->members[face->count++] = i;
+            face->bits |= (uint32_t)1 << r->slots[i];
+        }
+    }
+}
+
+static inline __attribute__((always_inline)) void
+find_inverse(const pci_skin_quadratic *q, const pci_skin_group *g, const size_t width, size_t row,
+             const row_face *face, float *inverse) {
+    double z[PCI_SKIN_SLOTS_MAX * PCI_SKIN_SLOTS_MAX];
+    const double ridge = fill_matrix(q, g, width, row, 1.0, face->count, face->places, z);
+    pci_simplex_invert(face->count, ridge, z);
+    for (uint32_t i = 0; i < face->count; ++i) {
+        for (uint32_t j = 0; j <= i; ++j) {
+            *inverse++ = (float)z[i * face->count + j];
+        }
+    }
+}
+
+// Compiled for each small n: most of the time would go into the ends of short loops.
+static inline __attribute__((always_inline)) bool step_on_n(const uint32_t n, const row_face *face,
+                                                            const float *inverse,
+                                                            const row_program *r, double *step) {
+    const double share = 1.0 / (double)n, scale = -1.0 / r->diagonal;
+    double g[PCI_SKIN_SLOTS_MAX], mean = 0.0, sum = 0.0;
+    for (uint32_t i = 0; i < n; ++i) {
+        g[i] = r->gradient[face->members[i]];
+        mean += share * g[i];
+    }
+    for (uint32_t i = 0; i < n; ++i) {
+        g[i] -= mean; // Z 1 = 0, but for rounding
+        double y = 0.0;
+        for (uint32_t j = 0; j < i; ++j) {
+            y += (double)inverse[j] * g[j];
+            step[j] += (double)inverse[j] * g[i];
+        }
+        step[i] = y + (double)inverse[i] * g[i];
+        inverse += i + 1;
+    }
+    for (uint32_t i = 0; i < n; ++i) {
+        step[i] *= scale;
+        sum += step[i];
+    }
+    bool inside = true;
+    for (uint32_t i = 0; i < n; ++i) {
+        step[i] -= share * sum;
+        inside = inside && r->weights[face->members[i]] + step[i] >= 0.0;
+    }
+    return inside;
+}
+
+// Steps to the minimum on a face, from the triangle of Z. False: it lies outside of the simplex.
+static bool step_on_face(const row_face *face, const float *inverse, const row_program *r,
+                         double *step) {
+    switch (face->count) {
+    case 1:
+        return step_on_n(1, face, inverse, r, step);
+    case 2:
+        return step_on_n(2, face, inverse, r, step);
+    case 3:
+        return step_on_n(3, face, inverse, r, step);
+    case 4:
+        return step_on_n(4, face, inverse, r, step);
+    case 5:
+        return step_on_n(5, face, inverse, r, step);
+    case 6:
+        return step_on_n(6, face, inverse, r, step);
+    case 7:
+        return step_on_n(7, face, inverse, r, step);
+    case 8:
+        return step_on_n(8, face, inverse, r, step);
+    default:
+        return step_on_n(face->count, face, inverse, r, step);
+    }
+}
+
+// dE/dw of one slot after a step on a face.
+static inline __attribute__((always_inline)) double
+slope_after(const pci_skin_quadratic *q, const pci_skin_group *g, const size_t width, size_t row,
+            const row_face *face, const row_program *r, const double *step, uint32_t member) {
+    double slope = 0.0;
+    for (uint32_t j = 0; j < face->count; ++j) {
+        slope += step[j] * row_product(q, g, width, row, r->places[member], face->places[j]);
+    }
+    return r->gradient[member] + r->diagonal * slope;
+}
+
+// Minimises a row whose minimum lies on the face that it is on, which is nearly always so. False:
+// it does not.
+static inline __attribute__((always_inline)) bool minimize_on_face(const sweep_job *job,
+                                                                   const pci_skin_group *g,
+                                                                   const size_t width, size_t row,
+                                                                   row_program *r) {
+    const pci_skin_quadratic *q = job->q;
+    const size_t member = g->first + row;
+    float *inverse = &q->inverses[member * kept_size(q)];
+    double step[PCI_SKIN_SLOTS_MAX];
+    row_face face;
+    find_face(r, &face);
+    if (face.count == 0 || face.count > KEPT_SLOTS) {
+        return false;
+    }
+    if (q->faces[member] != face.bits) {
+        find_inverse(q, g, width, row, &face, inverse);
+        q->faces[member] = face.bits;
+    }
+    if (!step_on_face(&face, inverse, r, step)) {
+        return false;
+    }
+    if (face.count < r->count) {
+        const double multiplier = slope_after(q, g, width, row, &face, r, step, face.members[0]);
+        for (uint32_t i = 0; i < r->count; ++i) {
+            if (!(r->weights[i] > 0.0) &&
+                pci_simplex_enters(slope_after(q, g, width, row, &face, r, step, i), multiplier)) {
+                return false;
+            }
+        }
+    }
+    for (uint32_t i = 0; i < face.count; ++i) {
+        r->weights[face.members[i]] += step[i];
+    }
+    pci_simplex_round(r->count, r->weights);
+    return true;
+}
+
+// Takes one slot away; its weight goes to the others in proportion.
+static void drop_slot(row_program *r, uint32_t out) {
+    const uint32_t n = r->count;
+    const double left = 1.0 - r->weights[out];
+    for (uint32_t i = 0; i < n; ++i) {
+        const double next = i == out     ? 0.0
+                            : left > 0.0 ? r->weights[i] / left
+                                         : 1.0 / (double)(n - 1);
+        const double moved = next - r->weights[i];
+        r->weights[i] = next;
+        for (uint32_t j = 0; j < n; ++j) {
+            r->gradient[j] += r->a[i * n + j] * moved;
+        }
+    }
+    uint32_t to = 0;
+    for (uint32_t i = 0; i < n; ++i) {
+        if (i == out) {
+            continue;
+        }
+        r->slots[to] = r->slots[i];
+        r->weights[to] = r->weights[i];
+        r->gradient[to] = r->gradient[i];
+        for (uint32_t j = 0, at = 0; j < n; ++j) {
+            if (j != out) {
+                r->a[to * (n - 1) + at++] = r->a[i * n + j];
+            }
+        }
+        ++to;
+    }
+    r->count = n - 1;
+}
+
+// Gives a slot another weight.
+static void move_slot(const sweep_job *job, size_t row, uint32_t slot, double weight,
+                      pci_skin_group *g) {
+    const pci_skin_quadratic *q = job->q;
+    const size_t v = g->vertices[row], at = v * q->slots + slot, width = q->width;
+    float *moved = &g->moved[row * g->stride + width * g->places[row * q->slots + slot]];
+    const double step = (double)job->moved[at] + (weight - job->weights[at]);
+    job->weights[at] = weight;
+    job->moved[at] = (float)step;
+    for (size_t k = 0; k < width; ++k) {
+        moved[k] = (float)(step * q->points[v * width + k]);
+    }
+}
+
+static inline __attribute__((always_inline)) void
+minimize_row(const sweep_job *job, size_t row, const size_t width, pci_skin_group *g) {
+    const size_t v = g->vertices[row];
+    row_program r;
+    if (job->q->allowed[v] == 0) {
+        return;
+    }
+    extract_row(job, row, g, width, &r);
+    if (job->kept > 0 || !minimize_on_face(job, g, width, row, &r)) {
+        r.ridge = fill_matrix(job->q, g, width, row, r.diagonal, r.count, r.places, r.a);
+        pci_simplex_minimize(r.count, r.a, r.ridge, r.weights, r.gradient);
+    }
+    while (job->kept > 0 && r.count > job->kept) {
+        const uint32_t out = pci_simplex_least(r.count, r.a, r.ridge, r.weights);
+        job->allowed[v] &= ~((uint32_t)1 << r.slots[out]);
+        move_slot(job, row, r.slots[out], 0.0, g);
+        drop_slot(&r, out);
+        pci_simplex_minimize(r.count, r.a, r.ridge, r.weights, r.gradient);
+    }
+    for (uint32_t i = 0; i < r.count; ++i) {
+        move_slot(job, row, r.slots[i], r.weights[i], g);
+    }
+}
+
+static inline void fetch(const void *memory, size_t size) {
+    for (size_t at = 0; at < size; at += 64) {
+        __builtin_prefetch((const char *)memory + at);
+    }
+}
+
+// Rows that follow one another are far apart in arrays by vertex.
+static void fetch_row(const sweep_job *job, size_t v) {
+    const size_t slots = job->q->slots, first = v * slots;
+    fetch(&job->weights[first], slots * sizeof(*job->weights));
+    fetch(&job->moved[first], slots * sizeof(*job->moved));
+}
+
+// Visits the rows of a group in order, or from the last to the first.
+static void visit_group(const sweep_job *job, bool backward, pci_skin_group *g) {
+    for (size_t m = 0; m < g->own_count; ++m) {
+        const size_t row = backward ? g->own_count - 1 - m : m;
+        if (m + 1 < g->own_count) {
+            fetch_row(job, g->vertices[backward ? row - 1 : row + 1]);
+        }
+        if (job->q->width == 1) {
+            minimize_row(job, row, 1, g);
+        } else {
+            minimize_row(job, row, PCI_SKIN_COLUMNS_MAX, g);
+        }
+    }
+}
+
+static void sweep_groups(void *user, size_t begin, size_t end, uint32_t worker) {
+    const sweep_job *job = user;
+    pci_skin_group *g = &job->q->loaded[worker];
+    for (size_t i = begin; i < end; ++i) {
+        load_group(job, job->groups[i], g);
+        visit_group(job, false, g);
+        if (job->kept == 0) {
+            visit_group(job, true, g);
+        }
+    }
+}
+
+static void run_sweep(sweep_job *job) {
+    const pci_skin_quadratic *q = job->q;
+    for (uint32_t c = 0; c < q->colour_count; ++c) {
+        const uint32_t colour = job->backward ? q->colour_count - 1 - c : c;
+        const uint32_t first = q->colour_offsets[colour], last = q->colour_offsets[colour + 1];
+        job->groups = &q->groups[first];
+        pci_parallel_for(q->context, last - first, 1, sweep_groups, job);
+    }
+}
+
+void pci_skin_quadratic_sweep(const pci_skin_quadratic *q, float *const *gradient, bool backward,
+                              float *moved, double *weights) {
+    sweep_job job = {
+        .q = q, .gradient = gradient, .moved = moved, .weights = weights, .backward = backward};
+    run_sweep(&job);
+}
+
+void pci_skin_quadratic_prune(const pci_skin_quadratic *q, float *const *gradient, uint32_t kept,
+                              uint32_t *allowed, float *moved, double *weights) {
+    sweep_job job = {.q = q,
+                     .gradient = gradient,
+                     .moved = moved,
+                     .weights = weights,
+                     .kept = kept,
+                     .allowed = allowed};
+    run_sweep(&job);
+}

@@ -6,8 +6,7 @@
 #include "geometry/bvh.h"
 #include "geometry/topology.h"
 
-// ---- winding numbers
-// ------------------------------------------------------------------------------
+// ---- winding numbers ---------------------------------------------------------------------------
 
 enum { LEAF_TRIANGLES = 8 };
 
@@ -178,8 +177,7 @@ static bool build_tree(pci_scratch *scratch, const pc_mesh *mesh, winding_tree *
     return true;
 }
 
-// ---- the field
-// ------------------------------------------------------------------------------------
+// ---- the field ---------------------------------------------------------------------------------
 
 typedef struct fill_task {
     const pci_bvh *bvh;

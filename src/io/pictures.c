@@ -177,8 +177,7 @@ void pci_weight_colors(const pc_skin *skin, const float *bone_colors, float *out
     }
 }
 
-// ---- stretch
-// --------------------------------------------------------------------------------------
+// ---- stretch -----------------------------------------------------------------------------------
 
 void pci_stretch_color(double stretch, float color[3]) {
     static const double stops[4][3] = {

@@ -15,8 +15,7 @@ static const char *const shape_names[] = {"sphere", "capsule", "body", NULL};
 
 static const double coordinate_limit = 1e30, time_limit = 1e6;
 
-// ---- reading: parts of the scenario
-// ---------------------------------------------------------------
+// ---- reading: parts of the scenario ------------------------------------------------------------
 
 static bool read_time(pci_json_reader *r, const cJSON *object, double before, bool first,
                       double *time) {
@@ -238,8 +237,7 @@ static bool read_colliders(pci_json_reader *r, const cJSON *list, pc_scenario *s
     return true;
 }
 
-// ---- reading: the whole
-// ---------------------------------------------------------------------------
+// ---- reading: the whole ------------------------------------------------------------------------
 
 static bool read_key(pci_json_reader *r, const cJSON *item, pc_simulate_options *options,
                      pc_scenario *scenario) {
@@ -343,8 +341,7 @@ pc_status pc_scenario_read(pc_context *context, const char *path, pc_simulate_op
     return status;
 }
 
-// ---- writing
-// --------------------------------------------------------------------------------------
+// ---- writing -----------------------------------------------------------------------------------
 
 static void write_vector(pci_json *json, cJSON *parent, const char *name, const double *values,
                          size_t count) {

@@ -115,8 +115,7 @@ static void units_and_axes_become_metres_and_y_up(void **state) {
     scene_free(&scene);
 }
 
-// ---- a cube of one metre in every format
-// ---------------------------------------------------------
+// ---- a cube of one metre in every format -------------------------------------------------------
 
 static const uint16_t cube_triangles[36] = {0, 2, 1, 1, 2, 3, 4, 5, 6, 5, 7, 6, 0, 1, 4, 1, 5, 4,
                                             2, 6, 3, 3, 6, 7, 0, 4, 2, 2, 4, 6, 1, 3, 5, 3, 7, 5};

@@ -32,8 +32,7 @@ void text_print(text *t, const char *format, ...) {
     text_append(t, line, (size_t)length);
 }
 
-// ---- numbers
-// --------------------------------------------------------------------------------------
+// ---- numbers -----------------------------------------------------------------------------------
 
 static const char square[] = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
 
@@ -103,8 +102,7 @@ static void obj_many_groups(text *t, size_t many) {
     }
 }
 
-// ---- soups
-// ------------------------------------------------------------------------------------------
+// ---- soups -------------------------------------------------------------------------------------
 
 // Triangles as binary STL: the smallest file that holds them.
 static void stl_begin(text *t, size_t count) {
@@ -196,8 +194,7 @@ static void needles(text *t, size_t many) {
     }
 }
 
-// ---- counts
-// -------------------------------------------------------------------------------------------
+// ---- counts ------------------------------------------------------------------------------------
 
 static void ply_billion_vertices(text *t, size_t many) {
     (void)many;
@@ -250,8 +247,7 @@ static void dae_entities(text *t, size_t many) {
     text_print(t, "]><COLLADA version=\"1.4.1\"><asset>&j;</asset></COLLADA>");
 }
 
-// ---- scenes
-// -------------------------------------------------------------------------------------------
+// ---- scenes ------------------------------------------------------------------------------------
 
 // A glTF file of one triangle whose accessor claims `count` vertices; `nodes` is the node list.
 static void gltf(text *t, const char *count, const char *nodes) {

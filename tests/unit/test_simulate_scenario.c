@@ -460,8 +460,7 @@ static void conflicts_stay_bounded(void **state) {
     pc_context_destroy(context);
 }
 
-// ---- strain, threads, memory
-// ----------------------------------------------------------------------
+// ---- strain, threads, memory -------------------------------------------------------------------
 
 // 33 x 33 vertices in a storm: XPBD with substeps keeps the strain, PBD adapts.
 static void strain_is_bounded(void **state) {

@@ -284,8 +284,7 @@ static bool split_isoline(outline *o, double threshold) {
     return true;
 }
 
-// ---- regions beside the visual mesh
-// ---------------------------------------------------------------
+// ---- regions beside the visual mesh ------------------------------------------------------------
 
 typedef struct region {
     uint32_t first; // triangle

@@ -72,8 +72,7 @@ static const pc_field report_fields[] = {
 };
 const pc_record pc_simulate_report_record = PCI_RECORD(report_fields, pc_simulate_report);
 
-// ---- measures and masses
-// --------------------------------------------------------------------------
+// ---- measures and masses -----------------------------------------------------------------------
 
 // A third of each triangle's mass per corner; held and unused vertices get inverse mass 0.
 static bool fill_inverse_masses(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *pinned,
@@ -166,8 +165,7 @@ static bool measure_motion(pci_scratch *scratch, const pc_mesh *rest, const pc_m
     return true;
 }
 
-// ---- what a run holds
-// -----------------------------------------------------------------------------
+// ---- what a run holds --------------------------------------------------------------------------
 
 struct pc_simulator {
     pc_context *context;
@@ -286,8 +284,7 @@ static pc_status set_up(pc_simulator *s) {
     return status;
 }
 
-// ---- steps
-// ----------------------------------------------------------------------------------------
+// ---- steps -------------------------------------------------------------------------------------
 
 // Where the attachment wants pinned vertices and colliders at a time.
 static void aim(pc_simulator *s, double time) {
@@ -390,8 +387,7 @@ pc_status pc_simulator_step(pc_simulator *s, const double *wind, const double *t
     return read_positions(s);
 }
 
-// ---- the simulator
-// --------------------------------------------------------------------------------
+// ---- the simulator -----------------------------------------------------------------------------
 
 // Options and inputs, and the factor to the simulated size.
 static pc_status begin(pc_simulator *s, const pc_simulate_options *given) {
@@ -461,8 +457,7 @@ const double *pc_simulator_positions(const pc_simulator *simulator) { return sim
 
 const uint8_t *pc_simulator_pinned(const pc_simulator *simulator) { return simulator->pinned; }
 
-// ---- the stage
-// ------------------------------------------------------------------------------------
+// ---- the stage ---------------------------------------------------------------------------------
 
 pc_status pc_simulate(pc_context *context, const pc_mesh *proxy, const pc_simulate_options *options,
                       pc_motion *motion, pc_simulate_report *report) {

@@ -67,8 +67,7 @@ struct pci_contacts {
     double *pushes;  // #V, how far a vertex was pushed in this substep
 };
 
-// ---- set-up
-// ---------------------------------------------------------------------------------------
+// ---- set-up ------------------------------------------------------------------------------------
 
 // The joint's number; the last map where the name is empty. PC_ERROR_INVALID_OPTIONS.
 static pc_status find_joint(pc_context *context, const pc_character *character, const char *name,
@@ -344,8 +343,7 @@ pc_status pci_contacts_create(pci_scratch *scratch, const pc_simulate_inputs *in
     return status;
 }
 
-// ---- motion of the colliders
-// ----------------------------------------------------------------------
+// ---- motion of the colliders -------------------------------------------------------------------
 
 void pci_contacts_aim(pci_contacts *contacts, const pci_map *joints) {
     memcpy(contacts->from, contacts->to, contacts->joint_count * sizeof(pci_map));
@@ -385,8 +383,7 @@ void pci_contacts_place(pci_contacts *contacts, double before, double now) {
     }
 }
 
-// ---- distances
-// ------------------------------------------------------------------------------------
+// ---- distances ---------------------------------------------------------------------------------
 
 // Distance to a capsule, its normal, and the motion of its nearest point.
 static double capsule_distance(const primitive *p, const double point[3], double normal[3],
@@ -452,8 +449,7 @@ double pci_contacts_depth(pci_contacts *contacts, const double point[3]) {
     return -nearest;
 }
 
-// ---- contacts
-// -------------------------------------------------------------------------------------
+// ---- contacts ----------------------------------------------------------------------------------
 
 static void add_contact(pci_contacts *contacts, const sample *at, const double point[3],
                         const double start[3], double depth, double slack, const double normal[3],

@@ -6,8 +6,7 @@
 #include "geometry/pose.h"
 #include "proxycloth/simulate.h"
 
-// ---- springs and steps (simulate_springs.c)
-// -------------------------------------------------------
+// ---- springs and steps (simulate_springs.c) ----------------------------------------------------
 
 typedef struct pci_spring {
     uint32_t a, b;
@@ -91,8 +90,7 @@ bool pci_springs_build(pci_scratch *scratch, const pc_mesh *mesh, double stretch
 bool pci_springs_pack(pci_scratch *scratch, const pci_spring *springs, size_t count,
                       size_t edge_count, pci_cloth *cloth);
 
-// ---- winds (simulate_wind.c)
-// ----------------------------------------------------------------------
+// ---- winds (simulate_wind.c) -------------------------------------------------------------------
 
 // Wind of random direction and strength: gusts of 30 to 90 steps, smoothed, with noise.
 typedef struct pci_wind {
@@ -109,8 +107,7 @@ void pci_wind_next(pci_wind *wind, double velocity[3]);
 // The wind of a list at a time.
 void pci_wind_at(const pc_wind_key *keys, size_t count, double time, double velocity[3]);
 
-// ---- pins (simulate_pins.c)
-// -----------------------------------------------------------------------
+// ---- pins (simulate_pins.c) --------------------------------------------------------------------
 
 // Marks the vertices that the scenario's rules name, or the highest ceil(fraction * #V) without
 // rules; then, in every connected part without a held vertex, its highest ones. `axis` points up.
@@ -122,8 +119,7 @@ PC_NODISCARD pc_status pci_pin_vertices(pci_scratch *scratch, const pc_simulate_
 // Whether `text` matches a pattern in which * stands for any text and ? for any byte.
 bool pci_matches(const char *pattern, const char *text);
 
-// ---- poses (simulate_pose.c)
-// ----------------------------------------------------------------------
+// ---- poses (simulate_pose.c) -------------------------------------------------------------------
 
 // The rigid map of the attachment at a time.
 void pci_rigid_at(const pc_attachment *attachment, double scale, double time, pci_map *map);
@@ -141,8 +137,7 @@ PC_NODISCARD pc_status pci_bind_pins(pci_scratch *scratch, const pc_simulate_inp
 void pci_binding_apply(const pci_binding *binding, const pci_map *maps, size_t vertex,
                        const double rest[3], double out[3]);
 
-// ---- contacts (simulate_contact.c)
-// ----------------------------------------------------------------
+// ---- contacts (simulate_contact.c) -------------------------------------------------------------
 
 typedef struct pci_contacts pci_contacts;
 
@@ -163,8 +158,7 @@ void pci_contacts_finish(pci_contacts *contacts, pci_cloth *cloth);
 // Depth of the point in the deepest collider; negative: distance to the nearest, where near.
 double pci_contacts_depth(pci_contacts *contacts, const double point[3]);
 
-// ---- contacts of the cloth with itself (simulate_self_contact.c)
-// ----------------------------------
+// ---- contacts of the cloth with itself (simulate_self_contact.c) -------------------------------
 
 typedef struct pci_self_contact pci_self_contact;
 

@@ -31,8 +31,7 @@ bool pci_matches(const char *pattern, const char *text) {
     return *pattern == '\0';
 }
 
-// ---- heights
-// --------------------------------------------------------------------------------------
+// ---- heights -----------------------------------------------------------------------------------
 
 typedef struct height {
     double value;
@@ -98,8 +97,7 @@ static bool pin_loose_parts(pci_scratch *scratch, const pc_mesh *mesh, const hei
     return true;
 }
 
-// ---- rules
-// ----------------------------------------------------------------------------------------
+// ---- rules -------------------------------------------------------------------------------------
 
 // The triangles of the visual mesh whose part or material has a matching name; `found` tells
 // whether there is such a name at all.

@@ -5,8 +5,7 @@
 
 static const char stage[] = "simulate";
 
-// ---- rigid motion
-// ---------------------------------------------------------------------------------
+// ---- rigid motion ------------------------------------------------------------------------------
 
 static void rigid_map(const double translation[3], const double q[4], const double pivot[3],
                       double scale, pci_map *map) {
@@ -58,8 +57,7 @@ void pci_rigid_at(const pc_attachment *attachment, double scale, double time, pc
     rigid_map(translation, mixed, attachment->pivot, scale, map);
 }
 
-// ---- joints of pinned vertices
-// --------------------------------------------------------------------
+// ---- joints of pinned vertices -----------------------------------------------------------------
 
 // Weights at a point: those of the corners of its triangle, mixed; of the joints found, the four
 // with the largest weights.

@@ -33,12 +33,12 @@
 /// - lambda_s doubles in the same way while the edges' mean strain is more than `most_strain` of
 ///   what closest-triangle weights give: these hardly stretch where the cloth is one flat sheet.
 /// - Loose parts that lie upon each other, as pockets, belts and soles do, pass through each other
-///   when each finds weights of its own. L_l = sum s_i |u_i(t) - u_p(i)(t)|^2 keeps them apart: over
-///   the vertices that have another part, over the same proxy triangles or their neighbours, nearer than half
-///   the root mean square length l of the
-///   edges, p(i) its closest point, s_i = l min(l, l_i) / (d^2 + l^2 / 100) with the distance d at
-///   rest and l_i the mean length of the edges at i. Closest-triangle weights have that by
-///   themselves, being the same for all layers. Crossings of such garments fall by a tenth or more.
+///   when each finds weights of its own. L_l = sum s_i |u_i(t) - u_p(i)(t)|^2 keeps them apart. It
+///   counts the vertices that have another part, over the same proxy triangles or their neighbours,
+///   nearer than half of l, the root mean square length of the edges; p(i) is its closest point and
+///   s_i = l min(l, l_i) / (d^2 + l^2 / 100), with the distance d at rest and the mean length l_i
+///   of the edges at i. Closest-triangle weights keep parts apart by themselves, being the same for
+///   all layers.
 /// - Edges count alike whatever their length (`equal_edges`): L_r, L_c and L_s give each edge the
 ///   stiffness l^2 / |e|^2, l^2 the mean square. As printed, small triangles cost nothing and
 ///   fold, and buttons stretch. The report gives the losses as printed.

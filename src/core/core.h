@@ -78,6 +78,8 @@ pci_scratch pci_scratch_begin(pc_context *context);
 void pci_scratch_end(pci_scratch *scratch);
 // Zeroed; NULL on failure, which also sets `failed`.
 void *pci_scratch_allocate(pci_scratch *scratch, size_t count, size_t size);
+// The same, aligned to 64 bytes: a line of the cache, and the widest register.
+void *pci_scratch_allocate_aligned(pci_scratch *scratch, size_t count, size_t size);
 #define PCI_SCRATCH(scratch, type, count)                                                          \
     ((type *)pci_scratch_allocate((scratch), (count), sizeof(type)))
 

@@ -62,6 +62,16 @@ void *pci_scratch_allocate(pci_scratch *scratch, size_t count, size_t size) {
     return (char *)block + header;
 }
 
+void *pci_scratch_allocate_aligned(pci_scratch *scratch, size_t count, size_t size) {
+    enum { LINE = 64 };
+    if (size != 0 && count > (SIZE_MAX - LINE) / size) {
+        scratch->failed = true;
+        return NULL;
+    }
+    char *memory = pci_scratch_allocate(scratch, count * size + LINE, 1);
+    return memory == NULL ? NULL : memory + (LINE - (uintptr_t)memory % LINE) % LINE;
+}
+
 bool pci_scratch_reserve(pci_scratch *scratch, void **array, size_t *capacity, size_t needed,
                          size_t element_size) {
     if (needed <= *capacity) {

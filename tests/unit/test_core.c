@@ -28,6 +28,23 @@ static void parallel_for_visits_every_element_once(void **state) {
     }
 }
 
+static void scratch_memory_is_aligned_and_bounded(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pci_scratch scratch = pci_scratch_begin(context);
+    for (size_t count = 1; count < 200; ++count) {
+        const double *numbers = pci_scratch_allocate_aligned(&scratch, count, sizeof(double));
+        assert_non_null(numbers);
+        assert_int_equal((uintptr_t)numbers % 64, 0);
+        assert_true(numbers[0] == 0.0 && numbers[count - 1] == 0.0);
+    }
+    assert_false(scratch.failed);
+    assert_null(pci_scratch_allocate_aligned(&scratch, SIZE_MAX / 8 + 1, 8));
+    assert_true(scratch.failed);
+    pci_scratch_end(&scratch);
+    pc_context_destroy(context);
+}
+
 static void sleep_a_millisecond(void *user, size_t begin, size_t end, uint32_t worker) {
     ((uint8_t *)user)[begin] = 1;
     const struct timespec duration = {.tv_nsec = 1000000};
@@ -173,6 +190,7 @@ static void sorting_by_number_equals_qsort(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(parallel_for_visits_every_element_once),
+        cmocka_unit_test(scratch_memory_is_aligned_and_bounded),
         cmocka_unit_test(long_loops_can_be_cancelled),
         cmocka_unit_test(every_field_is_described),
         cmocka_unit_test(options_have_valid_defaults),

@@ -390,8 +390,8 @@ static size_t pack_blocks(const pci_spring *springs, size_t count, pci_spring_bl
 bool pci_springs_pack(pci_scratch *scratch, const pci_spring *springs, size_t count,
                       size_t edge_count, pci_cloth *cloth) {
     // At worst each spring has a block for itself.
-    cloth->blocks = PCI_SCRATCH(scratch, pci_spring_block, count);
-    cloth->places = PCI_SCRATCH(scratch, double, 4 * cloth->vertex_count);
+    cloth->blocks = pci_scratch_allocate_aligned(scratch, count, sizeof(*cloth->blocks));
+    cloth->places = pci_scratch_allocate_aligned(scratch, cloth->vertex_count, 4 * sizeof(double));
     cloth->sweep = pci_fastest_sweep();
     if (scratch->failed) {
         return false;

@@ -8,9 +8,7 @@ static const char stage[] = "skin";
 // ---- conversion ---------------------------------------------------------------------------------
 
 void *pci_skin_reals(pci_scratch *scratch, const pci_skin_kernel *kernel, size_t count) {
-    // Registers are at most 64 bytes wide.
-    char *memory = pci_scratch_allocate(scratch, count * kernel->real_size + 64, 1);
-    return memory == NULL ? NULL : memory + (64 - (uintptr_t)memory % 64) % 64;
+    return pci_scratch_allocate_aligned(scratch, count, kernel->real_size);
 }
 
 void pci_skin_put(const pci_skin_kernel *kernel, void *array, size_t index, double value) {

@@ -8,11 +8,6 @@
 
 static const double ridge_share = 1e-9; // of the trace of a block, keeps it definite
 
-static float *aligned_floats(pci_scratch *scratch, size_t count) {
-    char *memory = pci_scratch_allocate(scratch, count * sizeof(float) + 64, 1);
-    return memory == NULL ? NULL : (float *)(void *)(memory + (64 - (uintptr_t)memory % 64) % 64);
-}
-
 // Largest numbers of what a group needs.
 typedef struct group_sizes {
     size_t rows, own_bones, bones;
@@ -69,10 +64,10 @@ static bool build_loaded(pci_scratch *scratch, pci_skin_quadratic *q) {
         g->places = PCI_SCRATCH(scratch, uint32_t, (size_t)PCI_SKIN_GROUP * q->slots);
         g->bones = PCI_SCRATCH(scratch, uint32_t, sizes.bones);
         g->moves = PCI_SCRATCH(scratch, pci_skin_move, sizes.rows * q->slots);
-        g->moved = aligned_floats(scratch, sizes.rows * stride);
-        g->gram = aligned_floats(scratch, width * stride);
+        g->moved = pci_scratch_allocate_aligned(scratch, sizes.rows * stride, sizeof(float));
+        g->gram = pci_scratch_allocate_aligned(scratch, width * stride, sizeof(float));
         g->own_gram = PCI_SCRATCH(scratch, double, width *width);
-        g->sum = aligned_floats(scratch, stride);
+        g->sum = pci_scratch_allocate_aligned(scratch, stride, sizeof(float));
     }
     return !scratch->failed;
 }

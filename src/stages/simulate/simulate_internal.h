@@ -20,8 +20,7 @@ typedef struct pci_spring_block {
     uint32_t a[PCI_LANES], b[PCI_LANES];
     double rest[PCI_LANES];
     double move_a[PCI_LANES], move_b[PCI_LANES]; // shares of the correction that the ends take
-    double stiffness[PCI_LANES];                 // of a whole step
-} pci_spring_block;
+} pci_spring_block; // with 128 vertices all of them stay in the first-level cache
 
 // Each spring moves its ends towards the rest length, shared by mass. All lanes are read before any
 // is written, so the result is that of one after the other; the same bits from all sweeps.
@@ -51,6 +50,7 @@ typedef struct pci_cloth {
     size_t block_count;
     size_t edge_block_count; // the first ones hold the springs along edges
     pci_spring_block *blocks;
+    double *stiffness; // #blocks by lanes, of a whole step
     pci_sweep sweep;
     double time_step;    // s
     double damping;      // share of the velocity lost per step

@@ -123,7 +123,7 @@ static void prepare_blocks(pci_cloth *cloth) {
         for (size_t l = 0; l < PCI_LANES; ++l) {
             const double mass_a = cloth->inverse_mass[block->a[l]];
             const double mass_b = cloth->inverse_mass[block->b[l]];
-            const double k = block->stiffness[l];
+            const double k = cloth->stiffness[PCI_LANES * i + l];
             // XPBD: compliance / substep^2 = (1 - k) / k * mass * n^2.
             const double share = cloth->dynamics == PCI_DYNAMICS_XPBD
                                      ? (k > 0.0 ? 1.0 / (1.0 + (1.0 - k) / k * n * n) : 0.0)
@@ -363,43 +363,44 @@ bool pci_springs_build(pci_scratch *scratch, const pc_mesh *mesh, double stretch
                            *springs + edge_count);
 }
 
-// Appends springs to blocks; a spring that shares a vertex with its block starts a new one.
-static size_t pack_blocks(const pci_spring *springs, size_t count, pci_spring_block *blocks) {
-    size_t used = 0, lanes = PCI_LANES;
+// Appends springs to the blocks, beginning with a new one; a spring that shares a vertex with its
+// block also starts a new one.
+static void pack_blocks(const pci_spring *springs, size_t count, pci_cloth *cloth) {
+    pci_spring_block *block = cloth->blocks;
+    size_t lanes = PCI_LANES;
     for (size_t s = 0; s < count; ++s) {
         const pci_spring *spring = &springs[s];
-        pci_spring_block *block = used > 0 ? &blocks[used - 1] : NULL;
-        for (size_t l = 0; l < lanes && block != NULL; ++l) {
+        for (size_t l = 0; l < lanes && lanes < PCI_LANES; ++l) {
             if (block->a[l] == spring->a || block->a[l] == spring->b || block->b[l] == spring->a ||
                 block->b[l] == spring->b) {
                 lanes = PCI_LANES;
             }
         }
         if (lanes == PCI_LANES) {
-            block = &blocks[used++];
+            block = &cloth->blocks[cloth->block_count++];
             lanes = 0;
         }
         block->a[lanes] = spring->a;
         block->b[lanes] = spring->b;
         block->rest[lanes] = spring->rest;
-        block->stiffness[lanes++] = spring->stiffness;
+        cloth->stiffness[PCI_LANES * (cloth->block_count - 1) + lanes++] = spring->stiffness;
     }
-    return used;
 }
 
 bool pci_springs_pack(pci_scratch *scratch, const pci_spring *springs, size_t count,
                       size_t edge_count, pci_cloth *cloth) {
     // At worst each spring has a block for itself.
     cloth->blocks = pci_scratch_allocate_aligned(scratch, count, sizeof(*cloth->blocks));
+    cloth->stiffness = PCI_SCRATCH(scratch, double, PCI_LANES *count);
     cloth->places = pci_scratch_allocate_aligned(scratch, cloth->vertex_count, 4 * sizeof(double));
     cloth->sweep = pci_fastest_sweep();
     if (scratch->failed) {
         return false;
     }
-    cloth->edge_block_count = pack_blocks(springs, edge_count, cloth->blocks);
-    cloth->block_count =
-        cloth->edge_block_count + pack_blocks(springs + edge_count, count - edge_count,
-                                              cloth->blocks + cloth->edge_block_count);
+    cloth->block_count = 0;
+    pack_blocks(springs, edge_count, cloth);
+    cloth->edge_block_count = cloth->block_count;
+    pack_blocks(springs + edge_count, count - edge_count, cloth);
     cloth->prepared = 0;
     return true;
 }

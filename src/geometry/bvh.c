@@ -632,6 +632,16 @@ size_t pci_bvh_collect(const pci_bvh *bvh, const double point[3], double radius,
     return found.count;
 }
 
+size_t pci_bvh_collect_fitting(const pci_bvh *bvh, const double point[3], double *radius,
+                               size_t capacity, uint32_t *triangles) {
+    size_t count = pci_bvh_collect(bvh, point, *radius, capacity, triangles);
+    for (int i = 0; i < 8 && count > capacity; ++i) {
+        *radius *= 0.5;
+        count = pci_bvh_collect(bvh, point, *radius, capacity, triangles);
+    }
+    return count > capacity ? 0 : count;
+}
+
 // ---- a point that moves -------------------------------------------------------------------------
 
 // Room for all the rounding of distances and of the ball's radius.

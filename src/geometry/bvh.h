@@ -61,6 +61,10 @@ PC_NODISCARD pc_status pci_closest_points(pc_context *context, const char *stage
 size_t pci_bvh_collect(const pci_bvh *bvh, const double point[3], double radius, size_t capacity,
                        uint32_t *triangles);
 
+// The same, with `radius` halved, up to eight times, until they fit; 0 when they never do.
+size_t pci_bvh_collect_fitting(const pci_bvh *bvh, const double point[3], double *radius,
+                               size_t capacity, uint32_t *triangles);
+
 enum { PCI_SURROUNDINGS = 8 };
 
 // The triangles around a point; zeroed before the first query.

@@ -125,14 +125,7 @@ static void sort_numbers(uint32_t *list, size_t count) {
 double pci_one_sided(const pci_bvh *bvh, const pc_mesh *mesh, const double point[3],
                      double radius) {
     uint32_t triangles[most_triangles];
-    size_t count = pci_bvh_collect(bvh, point, radius, most_triangles, triangles);
-    for (int i = 0; i < 8 && count > most_triangles; ++i) {
-        radius *= 0.5;
-        count = pci_bvh_collect(bvh, point, radius, most_triangles, triangles);
-    }
-    if (count > most_triangles) {
-        return 0.0;
-    }
+    const size_t count = pci_bvh_collect_fitting(bvh, point, &radius, most_triangles, triangles);
     sort_numbers(triangles, count); // so that sums do not depend on their order
     ball b = {.centre = {point[0], point[1], point[2]}, .radius = radius};
     for (size_t i = 0; i < count; ++i) {

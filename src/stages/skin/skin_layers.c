@@ -28,17 +28,6 @@ typedef struct tie_job {
     tie *ties;                // #V
 } tie_job;
 
-// The triangles within a radius, which is made smaller until they fit.
-static size_t collect(const pci_bvh *bvh, const double point[3], double radius,
-                      uint32_t triangles[NEAR]) {
-    size_t count = pci_bvh_collect(bvh, point, radius, NEAR, triangles);
-    for (int i = 0; i < 8 && count > NEAR; ++i) {
-        radius *= 0.5;
-        count = pci_bvh_collect(bvh, point, radius, NEAR, triangles);
-    }
-    return count > NEAR ? 0 : count;
-}
-
 // Whether a vertex and a corner of a triangle have closest points on proxy triangles that touch.
 static bool over_same_place(const tie_job *job, size_t v, const uint32_t corner[3]) {
     const uint32_t *here = &job->proxy->triangles[3 * (size_t)job->closest[v].triangle];
@@ -60,7 +49,8 @@ static void find_ties(void *user, size_t begin, size_t end, uint32_t worker) {
         uint32_t triangles[NEAR], nearest = PC_INVALID_INDEX;
         double squared = INFINITY;
         tie *t = &job->ties[v];
-        const size_t count = collect(job->bvh, point, reach_share * job->typical, triangles);
+        double reach = reach_share * job->typical;
+        const size_t count = pci_bvh_collect_fitting(job->bvh, point, &reach, NEAR, triangles);
         for (size_t i = 0; i < count; ++i) {
             const uint32_t *corner = &surface->triangles[3 * (size_t)triangles[i]];
             double barycentric[3];

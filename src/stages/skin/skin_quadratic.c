@@ -73,10 +73,10 @@ static bool build_loaded(pci_scratch *scratch, pci_skin_quadratic *q) {
     return !scratch->failed;
 }
 
-// Z is kept of faces of so many slots; rows rarely have more for long.
+// F is kept of faces of so many slots; rows rarely have more for long.
 enum { KEPT_SLOTS = 10 };
 
-static size_t triangle_size(size_t slots) { return slots * (slots + 1) / 2; }
+static size_t triangle_size(size_t slots) { return slots * (slots - 1) / 2; }
 
 static size_t kept_size(const pci_skin_quadratic *q) {
     return triangle_size(q->widest < KEPT_SLOTS ? q->widest : KEPT_SLOTS);
@@ -98,7 +98,7 @@ bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *prob
     q->gram = gram;
     q->allowed = allowed;
     q->faces = PCI_SCRATCH(scratch, uint32_t, q->vertex_count);
-    q->inverses = PCI_SCRATCH(scratch, float, q->vertex_count *kept_size(q));
+    q->factors = PCI_SCRATCH(scratch, float, q->vertex_count *kept_size(q));
     return !scratch->failed && pci_skin_matrix_build(scratch, problem, scale, diagonal, q) &&
            build_loaded(scratch, q);
 }
@@ -299,73 +299,70 @@ static void find_face(const row_program *r, row_face *face) {
     }
 }
 
-static inline __attribute__((always_inline)) void
-find_inverse(const pci_skin_quadratic *q, const pci_skin_group *g, const size_t width, size_t row,
-             const row_face *face, float *inverse) {
-    double z[PCI_SKIN_SLOTS_MAX * PCI_SKIN_SLOTS_MAX];
-    const double ridge = fill_matrix(q, g, width, row, 1.0, face->count, face->places, z);
-    pci_simplex_invert(face->count, ridge, z);
-    for (uint32_t i = 0; i < face->count; ++i) {
-        for (uint32_t j = 0; j <= i; ++j) {
-            *inverse++ = (float)z[i * face->count + j];
-        }
+static inline __attribute__((always_inline)) void find_factor(const pci_skin_quadratic *q,
+                                                              const pci_skin_group *g,
+                                                              const size_t width, size_t row,
+                                                              const row_face *face, float *factor) {
+    double a[PCI_SKIN_SLOTS_MAX * PCI_SKIN_SLOTS_MAX], f[KEPT_SLOTS * KEPT_SLOTS];
+    const double ridge = fill_matrix(q, g, width, row, 1.0, face->count, face->places, a);
+    pci_simplex_factor(face->count, ridge, a, f);
+    for (size_t i = 0; i < triangle_size(face->count); ++i) {
+        factor[i] = (float)f[i];
     }
 }
 
 // Compiled for each small n: most of the time would go into the ends of short loops.
 static inline __attribute__((always_inline)) bool step_on_n(const uint32_t n, const row_face *face,
-                                                            const float *inverse,
+                                                            const float *factor,
                                                             const row_program *r, double *step) {
-    const double share = 1.0 / (double)n, scale = -1.0 / r->diagonal;
-    double g[PCI_SKIN_SLOTS_MAX], mean = 0.0, sum = 0.0;
+    const double first = r->gradient[face->members[0]], scale = -1.0 / r->diagonal;
+    double g[PCI_SKIN_SLOTS_MAX], sum = 0.0;
     for (uint32_t i = 0; i < n; ++i) {
-        g[i] = r->gradient[face->members[i]];
-        mean += share * g[i];
+        g[i] = r->gradient[face->members[i]] - first;
+        step[i] = 0.0;
     }
-    for (uint32_t i = 0; i < n; ++i) {
-        g[i] -= mean; // Z 1 = 0, but for rounding
+    for (uint32_t i = 1; i < n; ++i) {
         double y = 0.0;
         for (uint32_t j = 0; j < i; ++j) {
-            y += (double)inverse[j] * g[j];
-            step[j] += (double)inverse[j] * g[i];
+            y += (double)factor[j] * g[j + 1];
         }
-        step[i] = y + (double)inverse[i] * g[i];
-        inverse += i + 1;
-    }
-    for (uint32_t i = 0; i < n; ++i) {
-        step[i] *= scale;
-        sum += step[i];
+        for (uint32_t j = 0; j < i; ++j) {
+            step[j + 1] += (double)factor[j] * y;
+        }
+        factor += i;
     }
     bool inside = true;
-    for (uint32_t i = 0; i < n; ++i) {
-        step[i] -= share * sum;
+    for (uint32_t i = 1; i < n; ++i) {
+        step[i] *= scale;
+        sum += step[i];
         inside = inside && r->weights[face->members[i]] + step[i] >= 0.0;
     }
-    return inside;
+    step[0] = -sum;
+    return inside && r->weights[face->members[0]] + step[0] >= 0.0;
 }
 
-// Steps to the minimum on a face, from the triangle of Z. False: it lies outside of the simplex.
-static bool step_on_face(const row_face *face, const float *inverse, const row_program *r,
+// Steps to the minimum on a face, from F. False: it lies outside of the simplex.
+static bool step_on_face(const row_face *face, const float *factor, const row_program *r,
                          double *step) {
     switch (face->count) {
     case 1:
-        return step_on_n(1, face, inverse, r, step);
+        return step_on_n(1, face, factor, r, step);
     case 2:
-        return step_on_n(2, face, inverse, r, step);
+        return step_on_n(2, face, factor, r, step);
     case 3:
-        return step_on_n(3, face, inverse, r, step);
+        return step_on_n(3, face, factor, r, step);
     case 4:
-        return step_on_n(4, face, inverse, r, step);
+        return step_on_n(4, face, factor, r, step);
     case 5:
-        return step_on_n(5, face, inverse, r, step);
+        return step_on_n(5, face, factor, r, step);
     case 6:
-        return step_on_n(6, face, inverse, r, step);
+        return step_on_n(6, face, factor, r, step);
     case 7:
-        return step_on_n(7, face, inverse, r, step);
+        return step_on_n(7, face, factor, r, step);
     case 8:
-        return step_on_n(8, face, inverse, r, step);
+        return step_on_n(8, face, factor, r, step);
     default:
-        return step_on_n(face->count, face, inverse, r, step);
+        return step_on_n(face->count, face, factor, r, step);
     }
 }
 
@@ -388,7 +385,7 @@ static inline __attribute__((always_inline)) bool minimize_on_face(const sweep_j
                                                                    row_program *r) {
     const pci_skin_quadratic *q = job->q;
     const size_t member = g->first + row;
-    float *inverse = &q->inverses[member * kept_size(q)];
+    float *factor = &q->factors[member * kept_size(q)];
     double step[PCI_SKIN_SLOTS_MAX];
     row_face face;
     find_face(r, &face);
@@ -396,10 +393,10 @@ static inline __attribute__((always_inline)) bool minimize_on_face(const sweep_j
         return false;
     }
     if (q->faces[member] != face.bits) {
-        find_inverse(q, g, width, row, &face, inverse);
+        find_factor(q, g, width, row, &face, factor);
         q->faces[member] = face.bits;
     }
-    if (!step_on_face(&face, inverse, r, step)) {
+    if (!step_on_face(&face, factor, r, step)) {
         return false;
     }
     if (face.count < r->count) {

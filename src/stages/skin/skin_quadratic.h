@@ -62,10 +62,10 @@ typedef struct pci_skin_quadratic {
     float *values;
     const double *gram;      // G, #P width by #P width
     const uint32_t *allowed; // #V, bit k: slot k may have weight
-    // Where a row lies on the face of the free slots, its gradient g moves it by -Z g / M_ii to the
-    // minimum there. Z (pci_simplex_invert of x^T G x) stays as long as the face and G do.
-    uint32_t *faces; // by member, bits of the free slots that Z is for, 0: none
-    float *inverses; // by member a triangle: Z over the free slots, of faces that are not too large
+    // Where a row lies on the face of the free slots, its gradient g moves it by -C g / M_ii to the
+    // minimum there. F of C (pci_simplex_factor of x^T G x) stays as long as the face and G do.
+    uint32_t *faces;        // by member, bits of the free slots that F is for, 0: none
+    float *factors;         // by member: F of faces that are not too large
     pci_skin_group *loaded; // #threads
 } pci_skin_quadratic;
 

@@ -19,6 +19,7 @@ typedef struct pci_skin_fit {
     pc_context *context;
     const pc_skin_options *options;
     const pc_mesh *surface, *proxy;
+    const uint32_t *ranks; // #V, or NULL; see pci_skin_problem
     const uint8_t *pinned; // of the proxy, or NULL
     pci_skin_problem problem;
     pci_skin_problem paper; // the same, of the paper's losses, while these are measured

@@ -376,8 +376,9 @@ pc_status pci_skin_start_from_coarse(pci_skin_fit *f, pci_skin_gram *gram, uint3
         for (size_t k = 0; k < coarse.problem.vertex_count * slots && status == PC_OK; ++k) {
             c.weights[k] -= f->weights[slots * coarse.vertices[k / slots] + k % slots];
         }
-        if (status == PC_OK) {
-            pci_skin_prolong(gram, &f->problem, &coarse, c.weights, f->weights);
+        if (status == PC_OK &&
+            !pci_skin_prolong(&scratch, gram, &f->problem, &coarse, c.weights, f->weights)) {
+            status = pci_fail_memory(f->context, stage);
         }
     }
     pci_scratch_end(&scratch);

@@ -321,6 +321,28 @@ bool pci_boundary_loops(pci_scratch *scratch, const pc_mesh *mesh, const pci_top
     return true;
 }
 
+bool pci_find_shape(pci_scratch *scratch, const pc_mesh *mesh, pci_shape *shape) {
+    pci_topology topology;
+    size_t *offsets = NULL;
+    uint32_t *loops = NULL;
+    uint32_t *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
+    if (component == NULL || !pci_topology_build_edges(scratch, mesh, &topology) ||
+        !pci_boundary_loops(scratch, mesh, &topology, &shape->boundary_loops, &offsets, &loops)) {
+        return false;
+    }
+    shape->components = pci_triangle_components(scratch, mesh, &topology, component);
+    shape->euler = mesh->vertex_count + mesh->triangle_count - topology.edge_count;
+    shape->boundary_length = 0.0;
+    for (size_t e = 0; e < topology.edge_count; ++e) {
+        if (topology.edge_triangle_offsets[e + 1] - topology.edge_triangle_offsets[e] == 1) {
+            const uint32_t *ends = &topology.edges[2 * e];
+            shape->boundary_length += sqrt(pci_squared_distance(
+                &mesh->positions[3 * (size_t)ends[0]], &mesh->positions[3 * (size_t)ends[1]]));
+        }
+    }
+    return !scratch->failed;
+}
+
 size_t pci_nonmanifold_edge_count(const pci_topology *topology) {
     size_t count = 0;
     for (size_t e = 0; e < topology->edge_count; ++e) {

@@ -27,14 +27,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     soup_bytes bytes = {data, size};
     pc_mesh soup = soup_any(&bytes);
     pc_visual visual = {0};
-    const pc_visual_arrays arrays = {.vertex_count = soup.vertex_count,
-                                     .positions = soup.positions,
-                                     .triangle_count = soup.triangle_count,
-                                     .triangles = soup.triangles};
-    if (soup_byte(&bytes) % 4 == 0) {
-        wrap(context, &soup, &bytes); // as a caller with arrays of its own
-    } else if (soup_succeeds(pc_visual_create(context, &arrays, &visual, NULL))) {
-        wrap(context, &visual.surface, &bytes);
+    const pc_mesh *surface = soup_surface(context, &soup, soup_byte(&bytes) % 4 == 0, &visual);
+    if (surface != NULL) {
+        wrap(context, surface, &bytes);
     }
     pc_visual_free(context, &visual);
     soup_free(&soup);

@@ -20,14 +20,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     const uint32_t voxels = 4 + (uint32_t)soup_size(soup_byte(&bytes), 2, 6);
     pc_mesh soup = soup_any(&bytes);
     pc_visual visual = {0};
-    const pc_visual_arrays arrays = {.vertex_count = soup.vertex_count,
-                                     .positions = soup.positions,
-                                     .triangle_count = soup.triangle_count,
-                                     .triangles = soup.triangles};
-    if (kind % 2 == 0) {
-        sample(context, &soup, voxels);
-    } else if (soup_succeeds(pc_visual_create(context, &arrays, &visual, NULL))) {
-        sample(context, &visual.surface, voxels);
+    const pc_mesh *surface = soup_surface(context, &soup, kind % 2 == 0, &visual);
+    if (surface != NULL) {
+        sample(context, surface, voxels);
     }
     pc_visual_free(context, &visual);
     soup_free(&soup);

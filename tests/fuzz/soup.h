@@ -120,6 +120,21 @@ static inline bool soup_judge(pc_status status, const char *file, int line) {
     return status == PC_OK;
 }
 
+// What a stage gets to see of a soup: the soup, as a caller with arrays of its own passes it, or
+// the surface of a visual mesh made of it. NULL: none can be made.
+static inline const pc_mesh *soup_surface(pc_context *context, const pc_mesh *soup, bool own,
+                                          pc_visual *visual) {
+    const pc_visual_arrays arrays = {.vertex_count = soup->vertex_count,
+                                     .positions = soup->positions,
+                                     .triangle_count = soup->triangle_count,
+                                     .triangles = soup->triangles};
+    if (own) {
+        return soup;
+    }
+    return soup_succeeds(pc_visual_create(context, &arrays, visual, NULL)) ? &visual->surface
+                                                                           : NULL;
+}
+
 static inline void soup_check_mesh(const pc_mesh *mesh) {
     for (size_t i = 0; i < 3 * mesh->vertex_count; ++i) {
         fuzz_assert(isfinite(mesh->positions[i]));

@@ -105,27 +105,16 @@ static void count_covered(void *user, size_t begin, size_t end, uint32_t worker)
 // Counts, and the length of the boundary.
 static pc_status measure_shape(pci_scratch *scratch, const pc_mesh *mesh, pc_carve_report *report,
                                double *boundary) {
-    pci_topology topology;
-    size_t loop_count = 0, *offsets = NULL;
-    uint32_t *loops = NULL;
-    uint32_t *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
-    if (scratch->failed || !pci_topology_build_edges(scratch, mesh, &topology) ||
-        !pci_boundary_loops(scratch, mesh, &topology, &loop_count, &offsets, &loops)) {
+    pci_shape shape;
+    if (!pci_find_shape(scratch, mesh, &shape)) {
         return pci_fail_memory(scratch->context, stage);
     }
     report->vertices = mesh->vertex_count;
     report->triangles = mesh->triangle_count;
-    report->boundary_loops = loop_count;
-    report->components = pci_triangle_components(scratch, mesh, &topology, component);
-    *boundary = 0.0;
-    for (size_t e = 0; e < topology.edge_count; ++e) {
-        if (topology.edge_triangle_offsets[e + 1] - topology.edge_triangle_offsets[e] == 1) {
-            const uint32_t *ends = &topology.edges[2 * e];
-            *boundary += sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)ends[0]],
-                                                   &mesh->positions[3 * (size_t)ends[1]]));
-        }
-    }
-    return scratch->failed ? pci_fail_memory(scratch->context, stage) : PC_OK;
+    report->boundary_loops = shape.boundary_loops;
+    report->components = shape.components;
+    *boundary = shape.boundary_length;
+    return PC_OK;
 }
 
 static pc_status measure_coverage(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *mesh,

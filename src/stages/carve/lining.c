@@ -143,27 +143,9 @@ static bool choose_side(const lining *l, const uint8_t *side, uint8_t *keep) {
     return some;
 }
 
-// What must not change.
-typedef struct shape {
-    size_t components, loops, sum; // vertices + triangles - edges
-} shape;
-
-static bool find_shape(pci_scratch *scratch, const pc_mesh *mesh, shape *found) {
-    pci_topology topology;
-    size_t *offsets = NULL;
-    uint32_t *loops = NULL;
-    uint32_t *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
-    if (component == NULL || !pci_topology_build_edges(scratch, mesh, &topology) ||
-        !pci_boundary_loops(scratch, mesh, &topology, &found->loops, &offsets, &loops)) {
-        return false;
-    }
-    found->components = pci_triangle_components(scratch, mesh, &topology, component);
-    found->sum = mesh->vertex_count + mesh->triangle_count - topology.edge_count;
-    return !scratch->failed;
-}
-
-static bool same_shape(const shape *a, const shape *b) {
-    return a->components == b->components && a->loops == b->loops && a->sum == b->sum;
+static bool same_shape(const pci_shape *a, const pci_shape *b) {
+    return a->components == b->components && a->boundary_loops == b->boundary_loops &&
+           a->euler == b->euler;
 }
 
 // A connected piece of what is to go.
@@ -236,13 +218,13 @@ static bool list_pieces(const lining *l, uint8_t *keep, uint32_t *of, piece **pi
 }
 
 // Takes the mesh without what goes, if that has the same shape. False: out of memory, or cancelled.
-static bool take(const lining *l, const uint8_t *keep, const shape *wanted, pc_mesh *kept) {
+static bool take(const lining *l, const uint8_t *keep, const pci_shape *wanted, pc_mesh *kept) {
     pci_scratch scratch = pci_scratch_begin(l->scratch->context);
     pci_repair_counts counts;
     pc_mesh rest = {0};
-    shape found = {0};
+    pci_shape found = {0};
     const bool done = pci_mesh_repair(&scratch, l->mesh, keep, &rest, &counts) &&
-                      find_shape(&scratch, &rest, &found);
+                      pci_find_shape(&scratch, &rest, &found);
     pci_scratch_end(&scratch);
     if (done && same_shape(&found, wanted)) {
         pc_mesh_free(l->scratch->context, kept);
@@ -261,14 +243,14 @@ static bool cut(const lining *l, uint8_t *keep, pc_mesh *kept) {
     uint32_t *of = PCI_SCRATCH(l->scratch, uint32_t, triangles);
     piece *pieces = NULL;
     size_t count = 0;
-    shape wanted = {0};
+    pci_shape wanted = {0};
     if (l->scratch->failed || !list_pieces(l, keep, of, &pieces, &count)) {
         return false;
     }
     if (count == 0) {
         return true;
     }
-    if (!find_shape(l->scratch, l->mesh, &wanted) || !take(l, keep, &wanted, kept)) {
+    if (!pci_find_shape(l->scratch, l->mesh, &wanted) || !take(l, keep, &wanted, kept)) {
         return false;
     }
     if (kept->triangle_count > 0) {

@@ -2,9 +2,9 @@
 
 #include "core/core.h"
 #include "core/union_find.h"
-#include "geometry/halfedge.h"
 #include "geometry/manifold.h"
 #include "geometry/topology.h"
+#include "stages/carve/isoline.h"
 
 // Pieces of parallel loops.
 enum { grain = 256 };
@@ -37,252 +37,9 @@ static const double widest = 3.0;
 // smaller than a disc two voxels wide, in squared voxels, few points tell how they are framed:
 // edges there become half as long.
 static const double beyond = 0.5, small = 3.2;
-// The distance where nobody asks: no triangle is refined for it.
-static const double out_of_focus = -1e30;
 // Membranes that are tested for holding the layer together.
 enum { most_tests = 256 };
 static const double pi = 3.14159265358979323846;
-
-typedef struct outline {
-    const pci_bvh *visual;
-    const pci_knn *focus; // distances are measured within `reach` of these points; NULL: everywhere
-    const pci_knn *closer; // edges within `reach` of these become half as long; NULL: none
-    double reach;
-    pci_halfedge mesh;
-    double *normals;   // #V by 3
-    double *distances; // #V, beside the visual mesh, along the surface
-    uint32_t *nearest; // #V, triangle of the visual mesh, or PC_INVALID_INDEX
-    uint32_t *ends;    // #V by 2, of the edge that was split; of new vertices only
-    size_t normal_capacity, distance_capacity, nearest_capacity, end_capacity;
-} outline;
-
-// How far the nearest point of the visual mesh lies beside a point of the layer: the distance
-// without its share along the normal. `triangle`: one that may be near; becomes the nearest one.
-static double distance_beside(const outline *o, const double point[3], const double normal[3],
-                              uint32_t *triangle) {
-    if (o->focus != NULL && !pci_knn_within(o->focus, point, o->reach, NULL)) {
-        return out_of_focus;
-    }
-    const pci_closest closest = pci_bvh_closest_near(o->visual, point, *triangle);
-    *triangle = closest.triangle;
-    double away[3];
-    pci_sub(closest.point, point, away);
-    const double height = pci_dot(away, normal);
-    return sqrt(fmax(0.0, pci_dot(away, away) - height * height));
-}
-
-static void measure_outline(void *user, size_t begin, size_t end, uint32_t worker) {
-    (void)worker;
-    outline *o = user;
-    uint32_t last = PC_INVALID_INDEX;
-    for (size_t v = begin; v < end; ++v) {
-        o->distances[v] = distance_beside(o, &o->mesh.positions[3 * v], &o->normals[3 * v], &last);
-        o->nearest[v] = last;
-    }
-}
-
-// Splits an edge; the distance of the new vertex is not known yet. PC_INVALID_INDEX: out of memory.
-static uint32_t split_edge(outline *o, uint32_t h, double share) {
-    const size_t a = pci_origin(&o->mesh, h), b = pci_target(&o->mesh, h);
-    double position[3], normal[3];
-    for (size_t k = 0; k < 3; ++k) {
-        position[k] = o->mesh.positions[3 * a + k] +
-                      share * (o->mesh.positions[3 * b + k] - o->mesh.positions[3 * a + k]);
-        normal[k] = o->normals[3 * a + k] + o->normals[3 * b + k];
-    }
-    pci_normalize(normal);
-    const uint32_t v = pci_split_edge(&o->mesh, h, position);
-    void *normals = o->normals, *distances = o->distances, *nearest = o->nearest, *ends = o->ends;
-    pci_scratch *scratch = o->mesh.scratch;
-    if (v == PC_INVALID_INDEX ||
-        !pci_scratch_reserve(scratch, &normals, &o->normal_capacity, (size_t)v + 1,
-                             3 * sizeof(double)) ||
-        !pci_scratch_reserve(scratch, &distances, &o->distance_capacity, (size_t)v + 1,
-                             sizeof(double)) ||
-        !pci_scratch_reserve(scratch, &nearest, &o->nearest_capacity, (size_t)v + 1,
-                             sizeof(uint32_t)) ||
-        !pci_scratch_reserve(scratch, &ends, &o->end_capacity, (size_t)v + 1,
-                             2 * sizeof(uint32_t))) {
-        return PC_INVALID_INDEX;
-    }
-    o->normals = normals;
-    o->distances = distances;
-    o->nearest = nearest;
-    o->ends = ends;
-    memcpy(&o->normals[3 * (size_t)v], normal, sizeof(normal));
-    o->nearest[v] = o->nearest[a];
-    o->ends[2 * (size_t)v] = (uint32_t)a;
-    o->ends[2 * (size_t)v + 1] = (uint32_t)b;
-    return v;
-}
-
-static double squared_length(const pci_halfedge *mesh, uint32_t h) {
-    return pci_squared_distance(&mesh->positions[3 * (size_t)pci_origin(mesh, h)],
-                                &mesh->positions[3 * (size_t)pci_target(mesh, h)]);
-}
-
-// The longest edge of a triangle; ties go to the smaller half-edge of the pair.
-static uint32_t longest_edge(const pci_halfedge *mesh, uint32_t t) {
-    uint32_t best = 3 * t;
-    double length = -1.0;
-    for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
-        const double candidate = squared_length(mesh, h);
-        const uint32_t id = h < mesh->twins[h] ? h : mesh->twins[h];
-        const uint32_t best_id = best < mesh->twins[best] ? best : mesh->twins[best];
-        if (candidate > length || (candidate == length && id < best_id)) {
-            best = h;
-            length = candidate;
-        }
-    }
-    return best;
-}
-
-// Follows longest edges from that of a triangle to one that is the longest of both its triangles
-// (Rivara). Every edge that its split makes is shorter by a fixed factor, also among triangles
-// without area.
-static uint32_t terminal_edge(const pci_halfedge *mesh, uint32_t h) {
-    while (mesh->twins[h] != PC_INVALID_INDEX) {
-        const uint32_t next = longest_edge(mesh, mesh->twins[h] / 3);
-        if (next == mesh->twins[h]) {
-            break;
-        }
-        h = next;
-    }
-    return h;
-}
-
-static bool lies_close(const outline *o, uint32_t t) {
-    double middle[3];
-    const pc_mesh surface = {o->mesh.vertex_count, o->mesh.positions, o->mesh.triangle_count,
-                             o->mesh.corners};
-    pci_triangle_middle(&surface, t, middle);
-    return o->closer != NULL && pci_knn_within(o->closer, middle, o->reach, NULL);
-}
-
-// The edge to split where a triangle may touch the outline; PC_INVALID_INDEX: none.
-static uint32_t edge_to_split(const outline *o, uint32_t t, double threshold, double shortest) {
-    double nearest = INFINITY, farthest = -INFINITY;
-    for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
-        const double distance = o->distances[pci_origin(&o->mesh, h)];
-        nearest = distance < nearest ? distance : nearest;
-        farthest = distance > farthest ? distance : farthest;
-    }
-    if (!(nearest < threshold && farthest > out_of_focus)) {
-        return PC_INVALID_INDEX;
-    }
-    const uint32_t edge = longest_edge(&o->mesh, t);
-    const double longest = sqrt(squared_length(&o->mesh, edge));
-    const bool wanted = farthest + 0.5 * longest > threshold &&
-                        (longest > shortest || (longest > 0.5 * shortest && lies_close(o, t)));
-    return wanted ? terminal_edge(&o->mesh, edge) : PC_INVALID_INDEX;
-}
-
-// What a round of refinement works with. A triangle is asked again when it was split.
-enum { ASKED, SETTLED, SPLIT };
-typedef struct refinement {
-    outline *outline;
-    double threshold, shortest;
-    uint32_t first;  // vertex of this round
-    uint8_t *states; // #F
-    uint32_t *edges; // #F, to be split, or PC_INVALID_INDEX
-    size_t state_capacity, edge_capacity;
-} refinement;
-
-static void choose_edges(void *user, size_t begin, size_t end, uint32_t worker) {
-    (void)worker;
-    const refinement *r = user;
-    for (size_t t = begin; t < end; ++t) {
-        r->edges[t] = r->states[t] == SETTLED
-                          ? PC_INVALID_INDEX
-                          : edge_to_split(r->outline, (uint32_t)t, r->threshold, r->shortest);
-        r->states[t] = r->edges[t] == PC_INVALID_INDEX ? SETTLED : ASKED;
-    }
-}
-
-// Where several triangles chose the same edge the first one splits it.
-static bool split_chosen(refinement *r) {
-    outline *o = r->outline;
-    const pci_halfedge *mesh = &o->mesh;
-    const size_t count = mesh->triangle_count;
-    for (size_t t = 0; t < count; ++t) {
-        const uint32_t h = r->edges[t];
-        if (h == PC_INVALID_INDEX || r->states[h / 3] == SPLIT) {
-            continue;
-        }
-        const uint32_t twin = mesh->twins[h];
-        void *states = r->states;
-        if (split_edge(o, h, 0.5) == PC_INVALID_INDEX ||
-            !pci_scratch_reserve(mesh->scratch, &states, &r->state_capacity, mesh->triangle_count,
-                                 1)) {
-            return false;
-        }
-        r->states = states;
-        r->states[h / 3] = SPLIT;
-        if (twin != PC_INVALID_INDEX) {
-            r->states[twin / 3] = SPLIT;
-        }
-    }
-    return true;
-}
-
-static void measure_new(void *user, size_t begin, size_t end, uint32_t worker) {
-    (void)worker;
-    const refinement *r = user;
-    outline *o = r->outline;
-    for (size_t v = r->first + begin; v < r->first + end; ++v) {
-        o->distances[v] =
-            distance_beside(o, &o->mesh.positions[3 * v], &o->normals[3 * v], &o->nearest[v]);
-    }
-}
-
-// Halves the longest edge of each triangle that may touch the outline until it is shorter than
-// `shortest`. False: no memory, or cancelled.
-static bool refine_outline(outline *o, double threshold, double shortest) {
-    const pci_halfedge *mesh = &o->mesh;
-    pc_context *context = mesh->scratch->context;
-    refinement r = {.outline = o, .threshold = threshold, .shortest = shortest};
-    do {
-        void *states = r.states, *edges = r.edges;
-        if (!pci_scratch_reserve(mesh->scratch, &states, &r.state_capacity, mesh->triangle_count,
-                                 1) ||
-            !pci_scratch_reserve(mesh->scratch, &edges, &r.edge_capacity, mesh->triangle_count,
-                                 sizeof(*r.edges))) {
-            return false;
-        }
-        r.states = states;
-        r.edges = edges;
-        r.first = (uint32_t)mesh->vertex_count;
-        if (!pci_parallel_while_wanted(context, mesh->triangle_count, 8 * grain, choose_edges,
-                                       &r) ||
-            !split_chosen(&r) ||
-            !pci_parallel_while_wanted(context, mesh->vertex_count - r.first, grain, measure_new,
-                                       &r)) {
-            return false;
-        }
-    } while (mesh->vertex_count > r.first);
-    return true;
-}
-
-// Splits the edges that cross the isoline there. New edges end on the isoline and never cross it,
-// so one pass finds all crossings.
-static bool split_isoline(outline *o, double threshold) {
-    for (uint32_t h = 0; h < 3 * o->mesh.triangle_count; ++h) {
-        if (!pci_is_edge(&o->mesh, h)) {
-            continue;
-        }
-        const double a = o->distances[pci_origin(&o->mesh, h)] - threshold;
-        const double b = o->distances[pci_target(&o->mesh, h)] - threshold;
-        if ((a < 0.0 && b > 0.0) || (a > 0.0 && b < 0.0)) {
-            const double share = fmin(fmax(a / (a - b), 0.05), 0.95);
-            const uint32_t v = split_edge(o, h, share);
-            if (v == PC_INVALID_INDEX) {
-                return false;
-            }
-            o->distances[v] = threshold;
-        }
-    }
-    return true;
-}
 
 // ---- regions beside the visual mesh ------------------------------------------------------------
 
@@ -298,7 +55,7 @@ typedef struct region {
 
 // Joins the triangles that lie beside the visual mesh to regions, numbered by their first triangle:
 // `of` holds the region of each, PC_INVALID_INDEX for triangles that stay anyway.
-static bool join_regions(const outline *o, double threshold, uint32_t *of, region **regions,
+static bool join_regions(const pci_isoline *o, double threshold, uint32_t *of, region **regions,
                          size_t *count) {
     const pci_halfedge *mesh = &o->mesh;
     uint8_t *beside = PCI_SCRATCH(mesh->scratch, uint8_t, mesh->triangle_count);
@@ -348,7 +105,7 @@ static void area_vector(const pci_halfedge *mesh, size_t triangle, const double 
     pci_cross(u, v, normal);
 }
 
-static bool is_backed(const outline *o, const double *const corners[3], const double normal[3],
+static bool is_backed(const pci_isoline *o, const double *const corners[3], const double normal[3],
                       double depth) {
     double middle[3], direction[3] = {-normal[0], -normal[1], -normal[2]};
     for (size_t k = 0; k < 3; ++k) {
@@ -360,7 +117,7 @@ static bool is_backed(const outline *o, const double *const corners[3], const do
 }
 
 typedef struct backing {
-    const outline *outline;
+    const pci_isoline *outline;
     const uint32_t *regions; // #F
     double depth;
     uint8_t *backed; // #F
@@ -381,7 +138,7 @@ static void find_backed(void *user, size_t begin, size_t end, uint32_t worker) {
 }
 
 // False: out of memory, or cancelled.
-static bool measure_extent(const outline *o, const uint32_t *of, double depth, region *regions,
+static bool measure_extent(const pci_isoline *o, const uint32_t *of, double depth, region *regions,
                            size_t region_count) {
     const pci_halfedge *mesh = &o->mesh;
     backing b = {o, of, depth, PCI_SCRATCH(mesh->scratch, uint8_t, mesh->triangle_count)};
@@ -454,7 +211,7 @@ typedef struct frame_point {
 } frame_point;
 
 typedef struct framing {
-    const outline *outline;
+    const pci_isoline *outline;
     const pci_knn *rims, *border;
     double slack;
     frame_point *points;
@@ -463,7 +220,7 @@ typedef struct framing {
 static void look_around(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const framing *f = user;
-    const outline *o = f->outline;
+    const pci_isoline *o = f->outline;
     for (size_t i = begin; i < end; ++i) {
         frame_point *p = &f->points[i];
         const uint32_t v = pci_origin(&o->mesh, p->halfedge);
@@ -478,8 +235,8 @@ static void look_around(void *user, size_t begin, size_t end, uint32_t worker) {
 
 // A region ends at the rim of an opening where a rim is near, or where the layer ends already.
 // False: out of memory, or cancelled.
-static bool measure_frame(const outline *o, const pci_knn *rims, double slack, const uint32_t *of,
-                          region *regions) {
+static bool measure_frame(const pci_isoline *o, const pci_knn *rims, double slack,
+                          const uint32_t *of, region *regions) {
     const pci_halfedge *mesh = &o->mesh;
     pci_knn border;
     framing f = {o, rims, &border, slack, NULL};
@@ -620,7 +377,8 @@ typedef struct cutting {
 // A membrane may hold the layer together, as between the panels of a pattern or around the hem of a
 // tier: it stays where something larger than itself would come off. The triangles of those that
 // are to go, by `removed`, are kept on entry.
-static bool keep_holders(const outline *o, const uint32_t *of, const cutting *c, uint8_t *removed) {
+static bool keep_holders(const pci_isoline *o, const uint32_t *of, const cutting *c,
+                         uint8_t *removed) {
     const pci_halfedge *mesh = &o->mesh;
     uint32_t *owners = PCI_SCRATCH(mesh->scratch, uint32_t, mesh->triangle_count);
     patches p;
@@ -646,7 +404,7 @@ static bool keep_holders(const outline *o, const uint32_t *of, const cutting *c,
 }
 
 // Marks what stays.
-static bool choose_triangles(const outline *o, const uint32_t *of, cutting *c) {
+static bool choose_triangles(const pci_isoline *o, const uint32_t *of, cutting *c) {
     const size_t triangles = o->mesh.triangle_count;
     uint8_t *removed = PCI_SCRATCH(o->mesh.scratch, uint8_t, c->region_count);
     c->keep = PCI_SCRATCH(o->mesh.scratch, uint8_t, triangles);
@@ -670,24 +428,12 @@ static bool choose_triangles(const outline *o, const uint32_t *of, cutting *c) {
 // Refines the layer along the isoline, where points of `focus` are within `reach` (NULL:
 // everywhere), once more near points of `closer`, and decides what to keep by the demands of `c`.
 static bool find_regions(cutting *c, const pci_knn *focus, const pci_knn *closer, double reach,
-                         pci_scratch *scratch, const pc_mesh *layer, outline *o) {
+                         pci_scratch *scratch, const pc_mesh *layer, pci_isoline *o) {
     // Finer than an eighth of a voxel there is nothing to see, and a layer that runs near the
     // threshold everywhere would be refined everywhere.
     const double shortest = c->least->fineness * fmax(c->threshold, 0.25 * c->cell_size);
-    *o = (outline){.visual = c->visual, .focus = focus, .closer = closer, .reach = reach};
-    o->normals = PCI_SCRATCH(scratch, double, 3 * layer->vertex_count);
-    o->distances = PCI_SCRATCH(scratch, double, layer->vertex_count);
-    o->nearest = PCI_SCRATCH(scratch, uint32_t, layer->vertex_count);
-    o->ends = PCI_SCRATCH(scratch, uint32_t, 2 * layer->vertex_count);
-    if (scratch->failed || !pci_halfedge_build(scratch, layer, &o->mesh)) {
-        return false;
-    }
-    o->normal_capacity = o->distance_capacity = layer->vertex_count;
-    o->nearest_capacity = o->end_capacity = layer->vertex_count;
-    pci_vertex_normals(layer, o->normals);
-    if (!pci_parallel_while_wanted(scratch->context, layer->vertex_count, grain, measure_outline,
-                                   o) ||
-        !refine_outline(o, c->threshold, shortest) || !split_isoline(o, c->threshold)) {
+    *o = (pci_isoline){.visual = c->visual, .focus = focus, .closer = closer, .reach = reach};
+    if (!pci_isoline_refine(scratch, layer, c->threshold, shortest, o)) {
         return false;
     }
     uint32_t *of = c->of = PCI_SCRATCH(scratch, uint32_t, o->mesh.triangle_count);
@@ -697,43 +443,11 @@ static bool find_regions(cutting *c, const pci_knn *focus, const pci_knn *closer
            choose_triangles(o, of, c);
 }
 
-// The half-edge whose collapse undoes the split that made vertex v. PC_INVALID_INDEX: something has
-// changed around it since, or is cut away.
-static uint32_t undoing_edge(const outline *o, uint32_t v, const uint8_t *keep) {
-    const pci_halfedge *mesh = &o->mesh;
-    const uint32_t a = o->ends[2 * (size_t)v], b = o->ends[2 * (size_t)v + 1];
-    uint32_t spokes[4];
-    size_t count = 0;
-    PCI_FOR_OUTGOING(mesh, v, h) {
-        if (count == 4 || !keep[h / 3]) {
-            return PC_INVALID_INDEX;
-        }
-        spokes[count++] = h;
-    }
-    if (pci_is_border_vertex(mesh, v)) {
-        return count == 2 && pci_target(mesh, spokes[0]) == b &&
-                       mesh->corners[pci_previous(spokes[1])] == a
-                   ? spokes[0]
-                   : PC_INVALID_INDEX;
-    }
-    for (size_t i = 0; i < 4 && count == 4; ++i) {
-        if (pci_target(mesh, spokes[i]) == b && pci_target(mesh, spokes[(i + 2) % 4]) == a) {
-            return spokes[i];
-        }
-    }
-    return PC_INVALID_INDEX;
-}
-
 // What stays, as it was before the splits wherever nothing is cut away: triangles that were small
 // in order to look closely cost all that follows time. The outline is of no use afterwards.
-static bool take_kept(outline *o, size_t first, uint8_t *keep, pc_mesh *kept) {
+static bool take_kept(pci_isoline *o, size_t first, uint8_t *keep, pc_mesh *kept) {
     pci_halfedge *mesh = &o->mesh;
-    for (uint32_t v = (uint32_t)mesh->vertex_count; v-- > first;) {
-        const uint32_t h = undoing_edge(o, v, keep);
-        if (h != PC_INVALID_INDEX && pci_can_collapse(mesh, h)) {
-            pci_collapse(mesh, h);
-        }
-    }
+    pci_isoline_undo(o, first, keep);
     for (size_t t = 0; t < mesh->triangle_count; ++t) {
         if (mesh->corners[3 * t] == PC_INVALID_INDEX) {
             keep[t] = 0;
@@ -750,8 +464,8 @@ static bool take_kept(outline *o, size_t first, uint8_t *keep, pc_mesh *kept) {
 }
 
 // Lists the vertices of what is not kept, or of the small regions among that. False: out of memory.
-static bool list_removed(pci_scratch *scratch, const outline *o, const cutting *c, bool small_ones,
-                         pci_knn *points) {
+static bool list_removed(pci_scratch *scratch, const pci_isoline *o, const cutting *c,
+                         bool small_ones, pci_knn *points) {
     const pci_halfedge *mesh = &o->mesh;
     uint8_t *listed = PCI_SCRATCH(mesh->scratch, uint8_t, mesh->vertex_count);
     size_t count = 0, next = 0;
@@ -786,7 +500,7 @@ pc_status pci_cut_outline(pci_scratch *scratch, const char *stage, const pci_bvh
                  .threshold = threshold,
                  .cell_size = cell_size,
                  .least = &of_candidates};
-    outline o;
+    pci_isoline o;
     // The first pass finds candidates, the second refines near them, decides and cuts.
     pci_scratch first = pci_scratch_begin(context);
     pci_knn candidates, closer;

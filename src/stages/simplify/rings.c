@@ -3,7 +3,7 @@
 #include <stdlib.h>
 
 #include "core/heap.h"
-#include "solvers/conjugate_gradients.h"
+#include "stages/simplify/tube_map.h"
 
 static const double pi = 3.14159265358979323846;
 
@@ -49,18 +49,9 @@ typedef struct search {
     double *distances;       // #V, to the opening
     uint32_t *reached;       // vertices with a distance
     size_t reached_count;
-    double reach;   // distances are complete up to here
-    uint32_t *near; // triangles with a distance at every corner
-    size_t near_count;
-    uint8_t *inside;   // #F, whether it belongs to the tube
-    uint32_t *queue;   // #F, work space
-    double *angles;    // #F, work space
-    uint32_t *local;   // #V, index among the tube's vertices
-    uint32_t *members; // its vertices
-    size_t member_count;
-    double *along, *around; // per member: 0 at the opening, 1 at the other end; radians
-    double flux;            // circumference over length of the cylinder of the same shape
-    layout last;            // of the tube found last: the other sleeve, often
+    double reach;  // distances are complete up to here
+    pci_tube tube; // the one that is looked at
+    layout last;   // of the tube found last: the other sleeve, often
 } search;
 
 static double length_between(const pci_halfedge *mesh, size_t a, size_t b) {
@@ -131,8 +122,8 @@ static bool measure_distances(search *t, uint32_t start, double edge) {
 
 static bool spread(search *t, uint32_t start, double edge) {
     const pci_halfedge *mesh = &t->s->mesh;
-    for (; t->near_count > 0; --t->near_count) { // of the opening before
-        t->inside[t->near[t->near_count - 1]] = 0;
+    for (; t->tube.near_count > 0; --t->tube.near_count) { // of the opening before
+        t->tube.inside[t->tube.near[t->tube.near_count - 1]] = 0;
     }
     if (!measure_distances(t, start, edge)) {
         return false;
@@ -142,7 +133,7 @@ static bool spread(search *t, uint32_t start, double edge) {
         PCI_FOR_OUTGOING(mesh, v, h) {
             const uint32_t b = pci_target(mesh, h), c = mesh->corners[pci_previous(h)];
             if (v < b && v < c && t->distances[b] < HUGE_VAL && t->distances[c] < HUGE_VAL) {
-                t->near[t->near_count++] = h / 3;
+                t->tube.near[t->tube.near_count++] = h / 3;
             }
         }
     }
@@ -196,8 +187,8 @@ static bool count_levels(search *t, double step, double widest_length, size_t *c
     if (lengths == NULL) {
         return false;
     }
-    for (size_t i = 0; i < t->near_count; ++i) {
-        add_lines(t, &mesh->corners[3 * (size_t)t->near[i]], step, levels, lengths);
+    for (size_t i = 0; i < t->tube.near_count; ++i) {
+        add_lines(t, &mesh->corners[3 * (size_t)t->tube.near[i]], step, levels, lengths);
     }
     size_t k = 1;
     for (; k < levels; ++k) {
@@ -228,48 +219,39 @@ static bool reaches_out(const search *t, uint32_t f) {
 static void take_triangles(search *t, double limit) {
     const pci_halfedge *mesh = &t->s->mesh;
     size_t count = 0;
-    for (size_t i = 0; i < t->near_count; ++i) {
-        const uint32_t f = t->near[i], *corner = &mesh->corners[3 * (size_t)f];
+    for (size_t i = 0; i < t->tube.near_count; ++i) {
+        const uint32_t f = t->tube.near[i], *corner = &mesh->corners[3 * (size_t)f];
         const bool nearer = t->distances[corner[0]] < limit && t->distances[corner[1]] < limit &&
                             t->distances[corner[2]] < limit;
-        t->inside[f] = nearer ? INSIDE : reaches_out(t, f) ? OUTSIDE : HOLE;
-        if (t->inside[f] == OUTSIDE) {
-            t->queue[count++] = f;
+        t->tube.inside[f] = nearer ? INSIDE : reaches_out(t, f) ? OUTSIDE : HOLE;
+        if (t->tube.inside[f] == OUTSIDE) {
+            t->tube.queue[count++] = f;
         }
     }
     for (size_t next = 0; next < count; ++next) {
         for (uint32_t c = 0; c < 3; ++c) {
-            const uint32_t twin = mesh->twins[3 * t->queue[next] + c];
-            if (twin != PC_INVALID_INDEX && t->inside[twin / 3] == HOLE) {
-                t->inside[twin / 3] = OUTSIDE;
-                t->queue[count++] = twin / 3;
+            const uint32_t twin = mesh->twins[3 * t->tube.queue[next] + c];
+            if (twin != PC_INVALID_INDEX && t->tube.inside[twin / 3] == HOLE) {
+                t->tube.inside[twin / 3] = OUTSIDE;
+                t->tube.queue[count++] = twin / 3;
             }
         }
     }
-}
-
-static uint32_t near_halfedge(const search *t, size_t i) {
-    return 3 * t->near[i / 3] + (uint32_t)(i % 3);
-}
-
-static bool is_rim(const search *t, uint32_t h) { // a half-edge of the tube with nothing beyond
-    const uint32_t twin = t->s->mesh.twins[h];
-    return twin == PC_INVALID_INDEX || !t->inside[twin / 3];
 }
 
 // Takes the triangles nearer than `limit` and lists their vertices.
 static void take_inside(search *t, double limit) {
     const pci_halfedge *mesh = &t->s->mesh;
     take_triangles(t, limit);
-    for (size_t i = 0; i < 3 * t->near_count; ++i) {
-        t->local[mesh->corners[near_halfedge(t, i)]] = PC_INVALID_INDEX;
+    for (size_t i = 0; i < 3 * t->tube.near_count; ++i) {
+        t->tube.local[mesh->corners[pci_near_halfedge(&t->tube, i)]] = PC_INVALID_INDEX;
     }
-    t->member_count = 0;
-    for (size_t i = 0; i < 3 * t->near_count; ++i) {
-        const uint32_t v = mesh->corners[near_halfedge(t, i)];
-        if (t->inside[t->near[i / 3]] && t->local[v] == PC_INVALID_INDEX) {
-            t->local[v] = (uint32_t)t->member_count;
-            t->members[t->member_count++] = v;
+    t->tube.member_count = 0;
+    for (size_t i = 0; i < 3 * t->tube.near_count; ++i) {
+        const uint32_t v = mesh->corners[pci_near_halfedge(&t->tube, i)];
+        if (t->tube.inside[t->tube.near[i / 3]] && t->tube.local[v] == PC_INVALID_INDEX) {
+            t->tube.local[v] = (uint32_t)t->tube.member_count;
+            t->tube.members[t->tube.member_count++] = v;
         }
     }
 }
@@ -278,9 +260,9 @@ static void take_inside(search *t, double limit) {
 static bool is_annulus(const search *t, uint32_t loop) {
     const pci_halfedge *mesh = &t->s->mesh;
     size_t faces = 0, rim = 0, far_rim = 0;
-    for (size_t i = 0; i < 3 * t->near_count; ++i) {
-        const uint32_t h = near_halfedge(t, i);
-        if (!t->inside[h / 3]) {
+    for (size_t i = 0; i < 3 * t->tube.near_count; ++i) {
+        const uint32_t h = pci_near_halfedge(&t->tube, i);
+        if (!t->tube.inside[h / 3]) {
             continue;
         }
         const uint32_t v = mesh->corners[h];
@@ -289,7 +271,7 @@ static bool is_annulus(const search *t, uint32_t loop) {
             return false;
         }
         faces += h % 3 == 0;
-        if (is_rim(t, h)) {
+        if (pci_is_tube_rim(&t->tube, h)) {
             const bool opening = mesh->twins[h] == PC_INVALID_INDEX;
             ++rim;
             far_rim += !opening;
@@ -298,171 +280,7 @@ static bool is_annulus(const search *t, uint32_t loop) {
             }
         }
     }
-    return far_rim > 0 && 2 * t->member_count + 2 * faces == 3 * faces + rim;
-}
-
-// ---- coordinates on a tube ----------------------------------------------------------------------
-
-typedef struct link {
-    uint32_t a, b; // members
-    double weight;
-} link;
-
-// Weight of an edge in the Laplacian of linear elements, kept positive.
-static double edge_weight(const pci_halfedge *mesh, uint32_t h) {
-    static const double least = 0.001, most = 1000.0;
-    double sum = 0.0;
-    const uint32_t sides[2] = {h, mesh->twins[h]};
-    for (size_t i = 0; i < 2 && sides[i] != PC_INVALID_INDEX; ++i) {
-        const double *apex = &mesh->positions[3 * (size_t)mesh->corners[pci_previous(sides[i])]];
-        double a[3], b[3], normal[3];
-        pci_sub(&mesh->positions[3 * (size_t)pci_origin(mesh, sides[i])], apex, a);
-        pci_sub(&mesh->positions[3 * (size_t)pci_target(mesh, sides[i])], apex, b);
-        pci_cross(a, b, normal);
-        const double area = pci_norm(normal);
-        sum += area > 0.0 ? 0.5 * pci_dot(a, b) / area : 0.0;
-    }
-    return fmin(fmax(sum, least), most);
-}
-
-// Lists the edges of the tube. False: out of memory.
-static bool list_links(const search *t, link **links, size_t *count) {
-    const pci_halfedge *mesh = &t->s->mesh;
-    size_t edges = 0;
-    for (int fill = 0; fill < 2; ++fill) {
-        edges = 0;
-        for (size_t i = 0; i < 3 * t->near_count; ++i) {
-            const uint32_t h = near_halfedge(t, i);
-            if (!t->inside[h / 3] || (!is_rim(t, h) && !pci_is_edge(mesh, h))) {
-                continue;
-            }
-            if (fill) {
-                (*links)[edges] = (link){t->local[pci_origin(mesh, h)],
-                                         t->local[pci_target(mesh, h)], edge_weight(mesh, h)};
-            }
-            ++edges;
-        }
-        if (!fill && (*links = PCI_SCRATCH(t->scratch, link, edges)) == NULL) {
-            return false;
-        }
-    }
-    *count = edges;
-    return true;
-}
-
-typedef struct laplacian {
-    const link *links;
-    size_t count, size;
-    const uint8_t *fixed;
-} laplacian;
-
-// y = the Laplacian of x where a member is free.
-static void apply_laplacian(void *user, const double *x, double *y) {
-    const laplacian *l = user;
-    memset(y, 0, l->size * sizeof(*y));
-    for (size_t i = 0; i < l->count; ++i) {
-        const link *edge = &l->links[i];
-        const double flow = edge->weight * (x[edge->a] - x[edge->b]);
-        y[edge->a] += flow;
-        y[edge->b] -= flow;
-    }
-    for (size_t i = 0; i < l->size; ++i) {
-        y[i] = l->fixed[i] ? 0.0 : y[i];
-    }
-}
-
-// Makes x harmonic where it is free. False: out of memory or cancelled.
-static bool make_harmonic(search *t, const link *links, size_t count, const uint8_t *fixed,
-                          double *x) {
-    static const double tolerance = 1e-9;
-    const size_t size = t->member_count;
-    laplacian l = {links, count, size, fixed};
-    const pci_conjugate_gradients system = {size, apply_laplacian, &l, tolerance,
-                                            PCI_EFFORT(2000, 20)};
-    double *residual = PCI_SCRATCH(t->scratch, double, size);
-    double *work = PCI_SCRATCH(t->scratch, double, 2 * size);
-    if (t->scratch->failed) {
-        return false;
-    }
-    apply_laplacian(&l, x, residual);
-    for (size_t i = 0; i < size; ++i) {
-        residual[i] = -residual[i];
-    }
-    return pci_conjugate_gradients_run(t->scratch->context, &system, residual, work, x);
-}
-
-// The conjugate of `along`, which turns once around the tube: it steps from triangle to triangle by
-// the flow through the edge between them. False: out of memory.
-static bool find_angles(search *t, double flux) {
-    static const double unknown = 100.0; // radians
-    const pci_halfedge *mesh = &t->s->mesh;
-    double *angle = t->angles, *sums = PCI_SCRATCH(t->scratch, double, 2 * t->member_count);
-    uint32_t *queue = t->queue;
-    if (sums == NULL) {
-        return false;
-    }
-    size_t count = 0;
-    for (size_t i = t->near_count; i-- > 0;) {
-        angle[t->near[i]] = unknown;
-        queue[0] = t->inside[t->near[i]] ? t->near[i] : queue[0];
-    }
-    angle[queue[count++]] = 0.0;
-    for (size_t next = 0; next < count; ++next) {
-        const uint32_t f = queue[next];
-        for (uint32_t c = 0; c < 3; ++c) {
-            const uint32_t h = 3 * f + c, a = t->local[mesh->corners[h]];
-            const uint32_t b = t->local[pci_target(mesh, h)];
-            sums[2 * (size_t)a] += cos(angle[f]);
-            sums[2 * (size_t)a + 1] += sin(angle[f]);
-            if (is_rim(t, h) || angle[mesh->twins[h] / 3] < unknown) {
-                continue;
-            }
-            const uint32_t other = mesh->twins[h] / 3;
-            angle[other] = fmod(angle[f] + 2.0 * pi / flux * edge_weight(mesh, h) *
-                                               (t->along[b] - t->along[a]),
-                                2.0 * pi);
-            queue[count++] = other;
-        }
-    }
-    for (size_t i = 0; i < t->member_count; ++i) {
-        t->around[i] = atan2(sums[2 * i + 1], sums[2 * i]);
-    }
-    return true;
-}
-
-// The conformal map of the tube to a cylinder. False: out of memory or cancelled.
-static bool map_to_cylinder(search *t, uint32_t loop) {
-    const pci_halfedge *mesh = &t->s->mesh;
-    uint8_t *fixed = PCI_SCRATCH(t->scratch, uint8_t, t->member_count);
-    t->along = PCI_SCRATCH(t->scratch, double, t->member_count);
-    t->around = PCI_SCRATCH(t->scratch, double, t->member_count);
-    link *links = NULL;
-    size_t count = 0;
-    if (t->scratch->failed || !list_links(t, &links, &count)) {
-        return false;
-    }
-    for (size_t i = 0; i < 3 * t->near_count; ++i) {
-        const uint32_t h = near_halfedge(t, i);
-        if (t->inside[h / 3] && is_rim(t, h)) {
-            const uint32_t ends[2] = {pci_origin(mesh, h), pci_target(mesh, h)};
-            for (size_t e = 0; e < 2; ++e) {
-                fixed[t->local[ends[e]]] = 1;
-                t->along[t->local[ends[e]]] = t->loop_of[ends[e]] == loop ? 0.0 : 1.0;
-            }
-        }
-    }
-    if (!make_harmonic(t, links, count, fixed, t->along)) {
-        return false;
-    }
-    t->flux = 0.0;
-    for (size_t i = 0; i < count; ++i) {
-        const bool from = t->loop_of[t->members[links[i].a]] == loop;
-        const bool to = t->loop_of[t->members[links[i].b]] == loop;
-        if (from != to) {
-            t->flux += links[i].weight * fabs(t->along[links[i].a] - t->along[links[i].b]);
-        }
-    }
-    return t->flux > 0.0 ? find_angles(t, t->flux) : true;
+    return far_rim > 0 && 2 * t->tube.member_count + 2 * faces == 3 * faces + rim;
 }
 
 // ---- rings --------------------------------------------------------------------------------------
@@ -475,19 +293,19 @@ static size_t round_alike(double value, size_t other) {
 // How many clusters the tube gets around and along; none around: it is no tube for so many.
 static layout choose_layout(const search *t) {
     double share = 0.0; // vertices that the scales give
-    for (size_t i = 0; i < t->member_count; ++i) {
-        const size_t v = t->members[i];
+    for (size_t i = 0; i < t->tube.member_count; ++i) {
+        const size_t v = t->tube.members[i];
         share += t->density * t->s->areas[v] * t->s->scales[v] * t->s->scales[v];
     }
     layout l = {0};
     // Equilateral triangles of that many vertices have edges of this part of the circumference.
-    const double even = sqrt(0.5 * sqrt(3.0) * share * t->flux);
+    const double even = sqrt(0.5 * sqrt(3.0) * share * t->tube.flux);
     if (!(even > narrowest && even < widest)) {
         return l;
     }
     const size_t rounded = round_alike(even, t->last.around);
     const double around = (double)(rounded > least_around ? rounded : least_around);
-    const double squares = around / t->flux; // along the tube
+    const double squares = around / t->tube.flux; // along the tube
     const double rows = fmin(fmax(share / around - 0.5, squares / longest_cell - 0.5),
                              squares / shortest_cell - 0.5);
     if (rows >= 0.75) {
@@ -498,8 +316,8 @@ static layout choose_layout(const search *t) {
 }
 
 static size_t cell_of(const search *t, const layout *l, size_t i) {
-    const double ring = floor(t->along[i] * ((double)l->rows + 0.5) + 0.5);
-    const double turn = t->around[i] / (2.0 * pi) * (double)l->around + l->phase;
+    const double ring = floor(t->tube.along[i] * ((double)l->rows + 0.5) + 0.5);
+    const double turn = t->tube.around[i] / (2.0 * pi) * (double)l->around + l->phase;
     const size_t sector = (size_t)((long)floor(turn + 0.5) + 2 * (long)l->around) % l->around;
     const size_t row = (size_t)fmin(fmax(ring, 0.0), (double)l->rows);
     return row * l->around + sector;
@@ -513,9 +331,9 @@ static bool judge_layout(search *t, const layout *l, double *spread_out) {
     if (sums == NULL) {
         return false;
     }
-    for (size_t i = 0; i < t->member_count; ++i) {
+    for (size_t i = 0; i < t->tube.member_count; ++i) {
         double *sum = &sums[4 * cell_of(t, l, i)];
-        const size_t v = t->members[i];
+        const size_t v = t->tube.members[i];
         sum[3] += t->s->areas[v];
         for (size_t k = 0; k < 3; ++k) {
             sum[k] += t->s->areas[v] * t->s->mesh.positions[3 * v + k];
@@ -563,8 +381,8 @@ static bool choose_phase(search *t, layout *l, size_t turn, double *spread_out) 
 
 static void add_rings(const search *t, const layout *l, pci_rings *rings) {
     const uint32_t first = (uint32_t)rings->count, around = (uint32_t)l->around;
-    for (size_t i = 0; i < t->member_count; ++i) {
-        rings->cluster[t->members[i]] = first + (uint32_t)cell_of(t, l, i);
+    for (size_t i = 0; i < t->tube.member_count; ++i) {
+        rings->cluster[t->tube.members[i]] = first + (uint32_t)cell_of(t, l, i);
     }
     for (uint32_t ring = 0; ring <= l->rows; ++ring) {
         for (uint32_t j = 0; j < around; ++j) {
@@ -595,10 +413,10 @@ static bool try_loop(search *t, uint32_t start, double edge, size_t turn, pci_ri
     if (!simple) {
         return true;
     }
-    if (!map_to_cylinder(t, loop)) {
+    if (!pci_map_to_cylinder(t->scratch, &t->tube, t->loop_of, loop)) {
         return false;
     }
-    layout l = t->flux > 0.0 ? choose_layout(t) : (layout){0};
+    layout l = t->tube.flux > 0.0 ? choose_layout(t) : (layout){0};
     double spread_out = 0.0;
     if (l.around == 0 || rings->count + l.around * (l.rows + 1) > t->vertices) {
         return true;
@@ -684,12 +502,12 @@ static bool prepare(pci_scratch *scratch, search *t, pci_rings *rings) {
     t->loop_of = PCI_SCRATCH(scratch, uint32_t, nv);
     t->distances = PCI_SCRATCH(scratch, double, nv);
     t->reached = PCI_SCRATCH(scratch, uint32_t, nv);
-    t->near = PCI_SCRATCH(scratch, uint32_t, nf);
-    t->inside = PCI_SCRATCH(scratch, uint8_t, nf);
-    t->queue = PCI_SCRATCH(scratch, uint32_t, nf);
-    t->angles = PCI_SCRATCH(scratch, double, nf);
-    t->local = PCI_SCRATCH(scratch, uint32_t, nv);
-    t->members = PCI_SCRATCH(scratch, uint32_t, nv);
+    t->tube.near = PCI_SCRATCH(scratch, uint32_t, nf);
+    t->tube.inside = PCI_SCRATCH(scratch, uint8_t, nf);
+    t->tube.queue = PCI_SCRATCH(scratch, uint32_t, nf);
+    t->tube.angles = PCI_SCRATCH(scratch, double, nf);
+    t->tube.local = PCI_SCRATCH(scratch, uint32_t, nv);
+    t->tube.members = PCI_SCRATCH(scratch, uint32_t, nv);
     if (scratch->failed) {
         return false;
     }
@@ -707,7 +525,7 @@ static bool prepare(pci_scratch *scratch, search *t, pci_rings *rings) {
 
 bool pci_find_rings(pci_scratch *scratch, const pci_sampling *sampling, size_t vertices,
                     size_t turn, pci_rings *rings) {
-    search t = {.s = sampling, .vertices = vertices};
+    search t = {.s = sampling, .vertices = vertices, .tube = {.mesh = &sampling->mesh}};
     opening *openings = PCI_SCRATCH(scratch, opening, sampling->mesh.vertex_count);
     size_t *ends = PCI_SCRATCH(scratch, size_t, sampling->mesh.vertex_count);
     if (scratch->failed || !prepare(scratch, &t, rings)) {

@@ -282,22 +282,18 @@ static bool relax_and_fit(pci_scratch *scratch, const pci_sampling *s, const pci
 
 static pc_status measure(pci_scratch *scratch, const pc_mesh *mesh, size_t wanted,
                          pc_simplify_report *report) {
-    pci_topology topology;
-    size_t loop_count = 0, *offsets = NULL;
-    uint32_t *loops = NULL;
-    uint32_t *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
-    if (scratch->failed || !pci_topology_build_edges(scratch, mesh, &topology) ||
-        !pci_boundary_loops(scratch, mesh, &topology, &loop_count, &offsets, &loops)) {
+    pci_shape shape;
+    if (!pci_find_shape(scratch, mesh, &shape)) {
         return pci_fail_memory(scratch->context, stage);
     }
     report->vertices = mesh->vertex_count;
     report->triangles = mesh->triangle_count;
-    report->boundary_loops = loop_count;
-    report->components = pci_triangle_components(scratch, mesh, &topology, component);
+    report->boundary_loops = shape.boundary_loops;
+    report->components = shape.components;
     report->shortfall = mesh->vertex_count != wanted ? PC_SHORTFALL_TOPOLOGY
                         : report->dropped_parts > 0  ? PC_SHORTFALL_BUDGET
                                                      : PC_SHORTFALL_NONE;
-    return scratch->failed ? pci_fail_memory(scratch->context, stage) : PC_OK;
+    return PC_OK;
 }
 
 static pc_status begin_sampling(pci_scratch *scratch, const pc_visual *visual, const pc_mesh *layer,

@@ -54,6 +54,7 @@ static bool build_loaded(pci_scratch *scratch, pci_skin_quadratic *q) {
     const uint32_t threads = pc_context_threads(scratch->context);
     group_sizes sizes;
     q->loaded = PCI_SCRATCH(scratch, pci_skin_group, threads);
+    q->finished = PCI_SCRATCH(scratch, atomic_uint, q->group_count);
     if (scratch->failed || !find_group_sizes(scratch, q, &sizes)) {
         return false;
     }
@@ -72,10 +73,10 @@ static bool build_loaded(pci_scratch *scratch, pci_skin_quadratic *q) {
     return !scratch->failed;
 }
 
-// Z is kept of faces of so many slots; rows rarely have more for long.
+// F is kept of faces of so many slots; rows rarely have more for long.
 enum { KEPT_SLOTS = 10 };
 
-static size_t triangle_size(size_t slots) { return slots * (slots + 1) / 2; }
+static size_t triangle_size(size_t slots) { return slots * (slots - 1) / 2; }
 
 static size_t kept_size(const pci_skin_quadratic *q) {
     return triangle_size(q->widest < KEPT_SLOTS ? q->widest : KEPT_SLOTS);
@@ -97,7 +98,7 @@ bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *prob
     q->gram = gram;
     q->allowed = allowed;
     q->faces = PCI_SCRATCH(scratch, uint32_t, q->vertex_count);
-    q->inverses = PCI_SCRATCH(scratch, float, q->vertex_count *kept_size(q));
+    q->factors = PCI_SCRATCH(scratch, float, q->vertex_count *kept_size(q));
     return !scratch->failed && pci_skin_matrix_build(scratch, problem, scale, diagonal, q) &&
            build_loaded(scratch, q);
 }
@@ -120,8 +121,6 @@ typedef struct sweep_job {
     float *const *gradient; // #groups
     float *moved;           // w - w0
     double *weights;
-    const uint32_t *groups; // of the running colour
-    bool backward;
     uint32_t kept;     // slots to keep, or 0
     uint32_t *allowed; // of the quadratic, if slots are taken away
 } sweep_job;
@@ -300,73 +299,70 @@ static void find_face(const row_program *r, row_face *face) {
     }
 }
 
-static inline __attribute__((always_inline)) void
-find_inverse(const pci_skin_quadratic *q, const pci_skin_group *g, const size_t width, size_t row,
-             const row_face *face, float *inverse) {
-    double z[PCI_SKIN_SLOTS_MAX * PCI_SKIN_SLOTS_MAX];
-    const double ridge = fill_matrix(q, g, width, row, 1.0, face->count, face->places, z);
-    pci_simplex_invert(face->count, ridge, z);
-    for (uint32_t i = 0; i < face->count; ++i) {
-        for (uint32_t j = 0; j <= i; ++j) {
-            *inverse++ = (float)z[i * face->count + j];
-        }
+static inline __attribute__((always_inline)) void find_factor(const pci_skin_quadratic *q,
+                                                              const pci_skin_group *g,
+                                                              const size_t width, size_t row,
+                                                              const row_face *face, float *factor) {
+    double a[PCI_SKIN_SLOTS_MAX * PCI_SKIN_SLOTS_MAX], f[KEPT_SLOTS * KEPT_SLOTS];
+    const double ridge = fill_matrix(q, g, width, row, 1.0, face->count, face->places, a);
+    pci_simplex_factor(face->count, ridge, a, f);
+    for (size_t i = 0; i < triangle_size(face->count); ++i) {
+        factor[i] = (float)f[i];
     }
 }
 
 // Compiled for each small n: most of the time would go into the ends of short loops.
 static inline __attribute__((always_inline)) bool step_on_n(const uint32_t n, const row_face *face,
-                                                            const float *inverse,
+                                                            const float *factor,
                                                             const row_program *r, double *step) {
-    const double share = 1.0 / (double)n, scale = -1.0 / r->diagonal;
-    double g[PCI_SKIN_SLOTS_MAX], mean = 0.0, sum = 0.0;
+    const double first = r->gradient[face->members[0]], scale = -1.0 / r->diagonal;
+    double g[PCI_SKIN_SLOTS_MAX], sum = 0.0;
     for (uint32_t i = 0; i < n; ++i) {
-        g[i] = r->gradient[face->members[i]];
-        mean += share * g[i];
+        g[i] = r->gradient[face->members[i]] - first;
+        step[i] = 0.0;
     }
-    for (uint32_t i = 0; i < n; ++i) {
-        g[i] -= mean; // Z 1 = 0, but for rounding
+    for (uint32_t i = 1; i < n; ++i) {
         double y = 0.0;
         for (uint32_t j = 0; j < i; ++j) {
-            y += (double)inverse[j] * g[j];
-            step[j] += (double)inverse[j] * g[i];
+            y += (double)factor[j] * g[j + 1];
         }
-        step[i] = y + (double)inverse[i] * g[i];
-        inverse += i + 1;
-    }
-    for (uint32_t i = 0; i < n; ++i) {
-        step[i] *= scale;
-        sum += step[i];
+        for (uint32_t j = 0; j < i; ++j) {
+            step[j + 1] += (double)factor[j] * y;
+        }
+        factor += i;
     }
     bool inside = true;
-    for (uint32_t i = 0; i < n; ++i) {
-        step[i] -= share * sum;
+    for (uint32_t i = 1; i < n; ++i) {
+        step[i] *= scale;
+        sum += step[i];
         inside = inside && r->weights[face->members[i]] + step[i] >= 0.0;
     }
-    return inside;
+    step[0] = -sum;
+    return inside && r->weights[face->members[0]] + step[0] >= 0.0;
 }
 
-// Steps to the minimum on a face, from the triangle of Z. False: it lies outside of the simplex.
-static bool step_on_face(const row_face *face, const float *inverse, const row_program *r,
+// Steps to the minimum on a face, from F. False: it lies outside of the simplex.
+static bool step_on_face(const row_face *face, const float *factor, const row_program *r,
                          double *step) {
     switch (face->count) {
     case 1:
-        return step_on_n(1, face, inverse, r, step);
+        return step_on_n(1, face, factor, r, step);
     case 2:
-        return step_on_n(2, face, inverse, r, step);
+        return step_on_n(2, face, factor, r, step);
     case 3:
-        return step_on_n(3, face, inverse, r, step);
+        return step_on_n(3, face, factor, r, step);
     case 4:
-        return step_on_n(4, face, inverse, r, step);
+        return step_on_n(4, face, factor, r, step);
     case 5:
-        return step_on_n(5, face, inverse, r, step);
+        return step_on_n(5, face, factor, r, step);
     case 6:
-        return step_on_n(6, face, inverse, r, step);
+        return step_on_n(6, face, factor, r, step);
     case 7:
-        return step_on_n(7, face, inverse, r, step);
+        return step_on_n(7, face, factor, r, step);
     case 8:
-        return step_on_n(8, face, inverse, r, step);
+        return step_on_n(8, face, factor, r, step);
     default:
-        return step_on_n(face->count, face, inverse, r, step);
+        return step_on_n(face->count, face, factor, r, step);
     }
 }
 
@@ -389,7 +385,7 @@ static inline __attribute__((always_inline)) bool minimize_on_face(const sweep_j
                                                                    row_program *r) {
     const pci_skin_quadratic *q = job->q;
     const size_t member = g->first + row;
-    float *inverse = &q->inverses[member * kept_size(q)];
+    float *factor = &q->factors[member * kept_size(q)];
     double step[PCI_SKIN_SLOTS_MAX];
     row_face face;
     find_face(r, &face);
@@ -397,10 +393,10 @@ static inline __attribute__((always_inline)) bool minimize_on_face(const sweep_j
         return false;
     }
     if (q->faces[member] != face.bits) {
-        find_inverse(q, g, width, row, &face, inverse);
+        find_factor(q, g, width, row, &face, factor);
         q->faces[member] = face.bits;
     }
-    if (!step_on_face(&face, inverse, r, step)) {
+    if (!step_on_face(&face, factor, r, step)) {
         return false;
     }
     if (face.count < r->count) {
@@ -517,33 +513,49 @@ static void visit_group(const sweep_job *job, bool backward, pci_skin_group *g) 
     }
 }
 
+// Waits until the neighbours of a group stand as if all groups were visited in turn: those that
+// come before it have finished this sweep, the others the last one.
+static void wait_for_neighbours(const pci_skin_quadratic *q, uint32_t group, uint32_t sweep) {
+    const bool backward = sweep % 2 == 1;
+    const uint32_t colour = q->colours[group];
+    for (size_t i = q->known_offsets[group]; i < q->known_offsets[group + 1]; ++i) {
+        const uint32_t other = q->group_of[q->known[i]];
+        const bool before = backward ? q->colours[other] > colour : q->colours[other] < colour;
+        pci_parallel_wait(q->context, &q->finished[other], before ? sweep + 1 : sweep);
+    }
+}
+
+// Visits groups by sweep and turn. No barrier is needed between colours or sweeps.
 static void sweep_groups(void *user, size_t begin, size_t end, uint32_t worker) {
     const sweep_job *job = user;
-    pci_skin_group *g = &job->q->loaded[worker];
+    const pci_skin_quadratic *q = job->q;
     for (size_t i = begin; i < end; ++i) {
-        load_group(job, job->groups[i], g);
+        const uint32_t sweep = (uint32_t)(i / q->group_count),
+                       turn = (uint32_t)(i % q->group_count);
+        const uint32_t group = q->groups[sweep % 2 * q->group_count + turn];
+        pci_skin_group *g = &q->loaded[worker];
+        wait_for_neighbours(q, group, sweep);
+        load_group(job, group, g);
         visit_group(job, false, g);
         if (job->kept == 0) {
             visit_group(job, true, g);
         }
+        atomic_store_explicit(&q->finished[group], sweep + 1, memory_order_release);
     }
 }
 
-static void run_sweep(sweep_job *job) {
+static void run_sweeps(sweep_job *job, uint32_t sweeps) {
     const pci_skin_quadratic *q = job->q;
-    for (uint32_t c = 0; c < q->colour_count; ++c) {
-        const uint32_t colour = job->backward ? q->colour_count - 1 - c : c;
-        const uint32_t first = q->colour_offsets[colour], last = q->colour_offsets[colour + 1];
-        job->groups = &q->groups[first];
-        pci_parallel_for(q->context, last - first, 1, sweep_groups, job);
+    for (uint32_t g = 0; g < q->group_count; ++g) {
+        atomic_store_explicit(&q->finished[g], 0, memory_order_relaxed);
     }
+    pci_parallel_for(q->context, (size_t)sweeps * q->group_count, 1, sweep_groups, job);
 }
 
-void pci_skin_quadratic_sweep(const pci_skin_quadratic *q, float *const *gradient, bool backward,
+void pci_skin_quadratic_sweep(const pci_skin_quadratic *q, float *const *gradient, uint32_t sweeps,
                               float *moved, double *weights) {
-    sweep_job job = {
-        .q = q, .gradient = gradient, .moved = moved, .weights = weights, .backward = backward};
-    run_sweep(&job);
+    sweep_job job = {.q = q, .gradient = gradient, .moved = moved, .weights = weights};
+    run_sweeps(&job, sweeps);
 }
 
 void pci_skin_quadratic_prune(const pci_skin_quadratic *q, float *const *gradient, uint32_t kept,
@@ -554,5 +566,5 @@ void pci_skin_quadratic_prune(const pci_skin_quadratic *q, float *const *gradien
                      .weights = weights,
                      .kept = kept,
                      .allowed = allowed};
-    run_sweep(&job);
+    run_sweeps(&job, 1);
 }

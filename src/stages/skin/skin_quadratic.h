@@ -50,20 +50,22 @@ typedef struct pci_skin_quadratic {
     const double *points;   // #V by width: x^
     // Vertices in groups; groups of one colour share no entry of M.
     const uint32_t *members; // #V
-    uint32_t group_count, colour_count;
-    uint32_t *colour_offsets; // #colours + 1, into groups
-    uint32_t *groups;         // #groups, by colour
-    size_t *known_offsets;    // #groups + 1
-    uint32_t *known;          // the vertices of each group in order, then their neighbours
-    size_t *offsets;          // #V + 1: rows of M by member, the diagonal is the first entry
-    uint32_t *entries;        // places among the vertices that the group knows
+    uint32_t group_count;
+    uint32_t *colours;     // #groups, from 1
+    uint32_t *groups;      // 2 #groups: by colour, then from the last colour to the first
+    uint32_t *group_of;    // #V
+    atomic_uint *finished; // #groups: sweeps that are done
+    size_t *known_offsets; // #groups + 1
+    uint32_t *known;       // the vertices of each group in order, then their neighbours
+    size_t *offsets;       // #V + 1: rows of M by member, the diagonal is the first entry
+    uint32_t *entries;     // places among the vertices that the group knows
     float *values;
     const double *gram;      // G, #P width by #P width
     const uint32_t *allowed; // #V, bit k: slot k may have weight
-    // Where a row lies on the face of the free slots, its gradient g moves it by -Z g / M_ii to the
-    // minimum there. Z (pci_simplex_invert of x^T G x) stays as long as the face and G do.
-    uint32_t *faces; // by member, bits of the free slots that Z is for, 0: none
-    float *inverses; // by member a triangle: Z over the free slots, of faces that are not too large
+    // Where a row lies on the face of the free slots, its gradient g moves it by -C g / M_ii to the
+    // minimum there. F of C (pci_simplex_factor of x^T G x) stays as long as the face and G do.
+    uint32_t *faces;        // by member, bits of the free slots that F is for, 0: none
+    float *factors;         // by member: F of faces that are not too large
     pci_skin_group *loaded; // #threads
 } pci_skin_quadratic;
 
@@ -88,13 +90,13 @@ bool pci_skin_quadratic_weigh(pci_scratch *scratch, const pci_skin_problem *prob
 // Takes notice of other numbers in G, or other slots.
 void pci_skin_quadratic_use(pci_skin_quadratic *quadratic, uint32_t slots);
 
-// Gauss-Seidel over the groups, each swept there and back: every vertex is minimised exactly over
-// the simplex, twice.
+// Gauss-Seidel over the groups by colour, every other time from the last colour to the first; each
+// is swept there and back: every vertex is minimised exactly over the simplex, twice.
 // @param[in]     gradient  #groups: g0 of the members, by slots.
 // @param[in,out] moved     #V by slots: W - W0.
 // @param[in,out] weights   #V by slots: W.
 void pci_skin_quadratic_sweep(const pci_skin_quadratic *quadratic, float *const *gradient,
-                              bool backward, float *moved, double *weights);
+                              uint32_t sweeps, float *moved, double *weights);
 
 // A sweep that takes slots away until each row has `kept`: the one whose loss costs least while the
 // other slots of the row adapt, by the second derivatives (Hassibi, Stork, "Optimal brain surgeon",

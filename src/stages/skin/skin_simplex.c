@@ -85,45 +85,28 @@ void pci_simplex_round(uint32_t count, double *w) {
     w[largest] += 1.0 - sum;
 }
 
-// (A + ridge I)^-1 in place of A, by Gauss-Jordan elimination.
-static void invert(uint32_t n, double ridge, double *a) {
-    for (uint32_t i = 0; i < n; ++i) {
-        a[i * n + i] += ridge;
-    }
-    for (uint32_t k = 0; k < n; ++k) {
-        double *pivot = &a[k * n];
-        // Rounding may leave less than the ridge.
-        const double inverse = 1.0 / (pivot[k] > ridge ? pivot[k] : ridge);
-        pivot[k] = 1.0;
-        for (uint32_t j = 0; j < n; ++j) {
-            pivot[j] *= inverse;
-        }
-        for (uint32_t i = 0; i < n; ++i) {
-            double *row = &a[i * n];
-            if (i != k) {
-                const double factor = row[k];
-                row[k] = 0.0;
-                for (uint32_t j = 0; j < n; ++j) {
-                    row[j] -= factor * pivot[j];
-                }
+void pci_simplex_factor(uint32_t n, double ridge, const double *a, double *factor) {
+    double *row = factor;
+    for (uint32_t i = 1; i < n; row += i++) {
+        const double *ai = &a[i * n];
+        double pivot = ai[i] - 2.0 * ai[0] + a[0] + 2.0 * ridge;
+        const double *before = factor;
+        memset(row, 0, i * sizeof(*row));
+        for (uint32_t r = 1; r < i; before += r++) {
+            double sum = 0.0;
+            for (uint32_t j = 1; j <= r; ++j) {
+                sum += before[j - 1] * (ai[j] - ai[0] - a[j] + a[0] + ridge);
+            }
+            pivot -= sum * sum;
+            for (uint32_t j = 1; j <= r; ++j) {
+                row[j - 1] -= sum * before[j - 1];
             }
         }
-    }
-}
-
-void pci_simplex_invert(uint32_t n, double ridge, double *a) {
-    double h[PCI_SKIN_SLOTS_MAX], total = 0.0;
-    invert(n, ridge, a);
-    for (uint32_t i = 0; i < n; ++i) {
-        h[i] = 0.0;
-        for (uint32_t j = 0; j < n; ++j) {
-            h[i] += a[i * n + j];
-        }
-        total += h[i];
-    }
-    for (uint32_t i = 0; i < n; ++i) {
-        for (uint32_t j = 0; j < n; ++j) {
-            a[i * n + j] -= h[i] / total * h[j];
+        // Rounding may leave less than the ridge.
+        const double scale = 1.0 / sqrt(pivot > ridge ? pivot : ridge);
+        row[i - 1] = 1.0;
+        for (uint32_t j = 0; j < i; ++j) {
+            row[j] *= scale;
         }
     }
 }
@@ -195,12 +178,21 @@ void pci_simplex_minimize(uint32_t count, const double *a, double ridge, double 
 }
 
 uint32_t pci_simplex_least(uint32_t count, const double *a, double ridge, const double *w) {
-    double c[PCI_SKIN_SLOTS_MAX * PCI_SKIN_SLOTS_MAX], least = INFINITY;
+    double factor[PCI_SKIN_SLOTS_MAX * (PCI_SKIN_SLOTS_MAX - 1) / 2];
+    double c[PCI_SKIN_SLOTS_MAX] = {0}, least = INFINITY; // c: C_kk
     uint32_t best = count - 1;
-    memcpy(c, a, count * count * sizeof(*c));
-    pci_simplex_invert(count, ridge, c);
+    pci_simplex_factor(count, ridge, a, factor);
+    const double *row = factor;
+    for (uint32_t i = 1; i < count; row += i++) {
+        double sum = 0.0;
+        for (uint32_t j = 0; j < i; ++j) {
+            c[j + 1] += row[j] * row[j];
+            sum += row[j];
+        }
+        c[0] += sum * sum;
+    }
     for (uint32_t k = 0; k < count; ++k) {
-        const double cost = w[k] > 0.0 ? w[k] * w[k] / (2.0 * c[k * count + k]) : 0.0;
+        const double cost = w[k] > 0.0 ? w[k] * w[k] / (2.0 * c[k]) : 0.0;
         if (cost < least) {
             least = cost;
             best = k;

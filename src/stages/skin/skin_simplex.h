@@ -17,9 +17,12 @@ bool pci_simplex_enters(double slope, double multiplier);
 // Gives what a sum lacks to 1 by rounding to the largest weight.
 void pci_simplex_round(uint32_t count, double *w);
 
-// The inverse of A + ridge I on changes of sum 0, n by n, in place of A: it turns a gradient into
-// minus the step to the minimum that ignores signs.
-void pci_simplex_invert(uint32_t n, double ridge, double *a);
+// C = N^T F^T F N, the inverse of A + ridge I on changes of sum 0, where N takes the first number
+// from each of the others: C turns a gradient into minus the step to the minimum that ignores
+// signs. Where A is nearly singular, numbers of C rounded to float would step far off; F may be
+// rounded, as what it gives is still an inverse of something close.
+// @param[out] factor  F, lower triangular, by rows of 1 to n - 1.
+void pci_simplex_factor(uint32_t n, double ridge, const double *a, double *factor);
 
 // The slot that costs least to fix at 0 while the others adapt with their sum kept and signs
 // ignored: the least w_k^2 / (2 C_kk), C as above. Ties to the index.

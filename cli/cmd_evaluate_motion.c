@@ -146,6 +146,10 @@ static void print_table(const comparison *c) {
                100.0 * m->folded_triangles, m->new_intersections, 100.0 * m->pinned_drift,
                100.0 * m->pinned_drift_worst, m->motion_ratio);
     }
+    if (c->count > 0 && c->rows[0].measures.proxy_intersections > 0.0) {
+        printf("# the proxy itself gets %.1f new self-crossings per frame\n",
+               c->rows[0].measures.proxy_intersections);
+    }
 }
 
 static int print_result(const comparison *c) {

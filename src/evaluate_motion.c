@@ -32,6 +32,7 @@ static const pc_field measure_fields[] = {
     NUMBER(strain_p95, "", "Relative change of the edges' lengths, 95th percentile"),
     NUMBER(folded_triangles, "", "Share of triangles newly bent over a neighbour"),
     NUMBER(new_intersections, "pairs", "Triangles that cross and do not at rest, per frame"),
+    NUMBER(proxy_intersections, "pairs", "The same of the proxy, whatever the weights are"),
     NUMBER(pinned_drift, "diagonal", "Mean distance of pinned parts from their place"),
     NUMBER(pinned_drift_worst, "diagonal", "Largest distance of pinned parts from their place"),
     NUMBER(motion_ratio, "", "Motion of the visual mesh over that of the proxy"),
@@ -61,7 +62,7 @@ typedef struct evaluation {
     frame_sums *sums; // #frames
 } evaluation;
 
-static const double *frame_at(const evaluation *e, size_t frame) {
+static double *frame_at(const evaluation *e, size_t frame) {
     return &e->motion->positions[3 * frame * e->motion->vertex_count];
 }
 
@@ -290,21 +291,25 @@ static bool list_crossings(pci_scratch *scratch, const pc_mesh *mesh, uint64_t *
     return *keys != NULL;
 }
 
-static pc_status count_new_crossings(pc_context *context, const evaluation *e, size_t shown,
-                                     double *mean) {
+// Of the visual mesh, or `of_proxy`.
+static pc_status count_new_crossings(pc_context *context, const evaluation *e, bool of_proxy,
+                                     size_t shown, double *mean) {
+    const pc_mesh *rest_pose = of_proxy ? e->proxy : e->surface;
     shown = shown < e->motion->frame_count ? shown : e->motion->frame_count;
     pci_scratch scratch = pci_scratch_begin(context);
     uint64_t *at_rest = NULL, found = 0;
     size_t rest_count = 0;
     pc_status status = PC_OK;
-    if (shown > 0 && !list_crossings(&scratch, e->surface, &at_rest, &rest_count)) {
+    if (shown > 0 && !list_crossings(&scratch, rest_pose, &at_rest, &rest_count)) {
         status = pci_fail_memory(context, stage);
     }
     for (size_t i = 0; i < shown && status == PC_OK; ++i) {
         const size_t frame = (i + 1) * e->motion->frame_count / shown - 1;
-        pc_mesh posed = *e->surface;
-        posed.positions = e->posed;
-        pose(e, e->skin, frame, e->posed);
+        pc_mesh posed = *rest_pose;
+        posed.positions = of_proxy ? frame_at(e, frame) : e->posed;
+        if (!of_proxy) {
+            pose(e, e->skin, frame, e->posed);
+        }
         pci_scratch round = pci_scratch_begin(context);
         uint64_t *keys = NULL;
         size_t count = 0, rest = 0;
@@ -361,7 +366,12 @@ pc_status pc_evaluate_motion(pc_context *context, const pc_mesh *surface, const 
     }
     if (status == PC_OK) {
         combine(&e, pc_context_threads(context), &m);
-        status = count_new_crossings(context, &e, chosen.crossing_frames, &m.new_intersections);
+        status =
+            count_new_crossings(context, &e, false, chosen.crossing_frames, &m.new_intersections);
+    }
+    if (status == PC_OK) {
+        status =
+            count_new_crossings(context, &e, true, chosen.crossing_frames, &m.proxy_intersections);
     }
     if (status == PC_OK) {
         *measures = m;

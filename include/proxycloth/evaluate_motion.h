@@ -14,6 +14,8 @@
 ///   other than two triangles and triangles without area are left out; the winding does not matter.
 /// - New self-intersections: pairs of triangles that cross and do not cross at rest, mean over
 ///   `crossing_frames` frames, evenly spread up to the last. Pairs that share an edge do not count.
+///   The same is counted of the proxy: where it passes through itself no weights can hold the cloth
+///   apart, but the simulation may (`self_contact`).
 /// - Pinned drift: of the vertices whose closest point of the proxy lies in a triangle (edge,
 ///   vertex) with pinned vertices only, the distance from where that point's motion takes them,
 ///   over D; mean over these vertices and the frames, and the largest.
@@ -35,15 +37,16 @@ typedef struct pc_evaluate_motion_options {
 } pc_evaluate_motion_options;
 
 typedef struct pc_motion_measures {
-    double rigid;              ///< L_r
-    double collision;          ///< L_c
-    double strain_mean;        ///< of the edges
-    double strain_p95;         ///< 95th percentile
-    double folded_triangles;   ///< share, 0..1
-    double new_intersections;  ///< pairs per frame
-    double pinned_drift;       ///< mean, over D
-    double pinned_drift_worst; ///< largest, over D
-    double motion_ratio;       ///< 1: as much motion as the proxy; 0 where the proxy rests
+    double rigid;               ///< L_r
+    double collision;           ///< L_c
+    double strain_mean;         ///< of the edges
+    double strain_p95;          ///< 95th percentile
+    double folded_triangles;    ///< share, 0..1
+    double new_intersections;   ///< pairs per frame
+    double proxy_intersections; ///< pairs per frame of the proxy's triangles
+    double pinned_drift;        ///< mean, over D
+    double pinned_drift_worst;  ///< largest, over D
+    double motion_ratio;        ///< 1: as much motion as the proxy; 0 where the proxy rests
 } pc_motion_measures;
 
 extern const pc_record pc_evaluate_motion_options_record;

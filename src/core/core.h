@@ -3,6 +3,7 @@
 #define PCI_CORE_H
 
 #include <math.h>
+#include <stdatomic.h>
 #include <string.h>
 
 #include "proxycloth/base.h"
@@ -92,14 +93,18 @@ bool pci_scratch_reserve(pci_scratch *scratch, void **array, size_t *capacity, s
 
 // Calls body(user, begin, end, worker) for consecutive pieces of 0..count, each at most `grain`
 // long and starting at a multiple of `grain`, so that results can be stored per piece and combined
-// in order, independent of the number of threads. `worker` < pc_context_threads(). Returns when all
-// pieces are done.
+// in order, independent of the number of threads. `worker` < pc_context_threads(). Pieces are begun
+// in order; returns when all are done.
 typedef void (*pci_parallel_body)(void *user, size_t begin, size_t end, uint32_t worker);
 void pci_parallel_for(pc_context *context, size_t count, size_t grain, pci_parallel_body body,
                       void *user);
 // For long loops: asks pci_keep_going between the pieces. False: cancelled, pieces are missing.
 PC_NODISCARD bool pci_parallel_while_wanted(pc_context *context, size_t count, size_t grain,
                                             pci_parallel_body body, void *user);
+
+// In a piece: waits until an earlier piece has set `count` to at least `least`; what that piece
+// wrote before, with memory_order_release, is seen then.
+void pci_parallel_wait(pc_context *context, const atomic_uint *count, uint32_t least);
 
 // ---- random numbers -----------------------------------------------------------------------------
 

@@ -1,21 +1,24 @@
 #define _GNU_SOURCE // sched_getaffinity
 #include <pthread.h>
 #include <sched.h>
-#include <stdatomic.h>
 #include <unistd.h>
 
 #include "core/context.h"
 
-// One job at a time: workers sleep until `generation` changes, then join and take pieces from
-// `next_piece`. Who wakes when the pieces are gone is not waited for.
+enum { LOOKS = 4000 }; // before a thread that waits leaves its core to others, some 50 us
+
+// One job at a time: workers wait until `generation` changes, then join and take pieces from
+// `next_piece`. Who wakes when the pieces are gone is not waited for. All look for a while before
+// they sleep: jobs follow one another closely, and waking takes longer than the shortest of them.
 struct pci_pool {
     uint32_t thread_count; // including the caller
     uint32_t started;
+    uint32_t looks; // LOOKS, or 0 where there are more threads than cores
     pthread_mutex_t mutex;
     pthread_cond_t wake;
     pthread_cond_t done;
-    uint64_t generation;
-    uint32_t joined;
+    atomic_uint_fast64_t generation;
+    atomic_uint joined;
     bool open, quit; // whether there is a job to join
     size_t count, grain;
     pci_parallel_body body;
@@ -27,6 +30,14 @@ struct pci_pool {
         pthread_t thread;
     } * workers;
 };
+
+static inline void pause_core(void) {
+#if defined(__x86_64__)
+    __builtin_ia32_pause();
+#elif defined(__aarch64__)
+    __asm__ volatile("yield");
+#endif
+}
 
 // `asked`: the context whose user may cancel, only on the thread that entered the library. Returns
 // whether nobody cancelled.
@@ -53,6 +64,11 @@ static void *worker_main(void *argument) {
     uint64_t seen = 0;
     pthread_mutex_lock(&pool->mutex);
     for (;;) {
+        pthread_mutex_unlock(&pool->mutex);
+        for (uint32_t look = 0; look < pool->looks && pool->generation == seen; ++look) {
+            pause_core();
+        }
+        pthread_mutex_lock(&pool->mutex);
         while (!pool->quit && !(pool->open && pool->generation != seen)) {
             pthread_cond_wait(&pool->wake, &pool->mutex);
         }
@@ -85,8 +101,9 @@ static uint32_t count_cores(void) {
 }
 
 pci_pool *pci_pool_create(pc_context *context, uint32_t threads) {
+    const uint32_t cores = count_cores();
     if (threads == 0) {
-        threads = count_cores();
+        threads = cores;
     }
     pci_pool *pool = PCI_ALLOCATE(context, pci_pool, 1);
     if (pool == NULL) {
@@ -97,6 +114,7 @@ pci_pool *pci_pool_create(pc_context *context, uint32_t threads) {
         pc_release(context, pool);
         return NULL;
     }
+    pool->looks = threads <= cores ? LOOKS : 0;
     pthread_mutex_init(&pool->mutex, NULL);
     pthread_cond_init(&pool->wake, NULL);
     pthread_cond_init(&pool->done, NULL);
@@ -156,6 +174,11 @@ static bool run_loop(pc_context *context, size_t count, size_t grain, pci_parall
     const bool wanted = run_pieces(pool, 0, asked);
     pthread_mutex_lock(&pool->mutex);
     pool->open = false;
+    pthread_mutex_unlock(&pool->mutex);
+    for (uint32_t look = 0; look < pool->looks && pool->joined != 0; ++look) {
+        pause_core();
+    }
+    pthread_mutex_lock(&pool->mutex);
     while (pool->joined != 0) {
         pthread_cond_wait(&pool->done, &pool->mutex);
     }
@@ -166,6 +189,16 @@ static bool run_loop(pc_context *context, size_t count, size_t grain, pci_parall
 void pci_parallel_for(pc_context *context, size_t count, size_t grain, pci_parallel_body body,
                       void *user) {
     (void)run_loop(context, count, grain, body, user, NULL);
+}
+
+void pci_parallel_wait(pc_context *context, const atomic_uint *count, uint32_t least) {
+    for (uint32_t look = 0; atomic_load_explicit(count, memory_order_acquire) < least; ++look) {
+        if (look < context->pool->looks) {
+            pause_core();
+        } else {
+            sched_yield();
+        }
+    }
 }
 
 bool pci_parallel_while_wanted(pc_context *context, size_t count, size_t grain,

@@ -28,6 +28,35 @@ static void parallel_for_visits_every_element_once(void **state) {
     }
 }
 
+typedef struct chain {
+    pc_context *context;
+    atomic_uint done[200];
+    uint32_t sums[200];
+} chain;
+
+// Each piece adds to what the one before it wrote.
+static void add_link(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    chain *c = user;
+    for (size_t i = begin; i < end; ++i) {
+        if (i > 0) {
+            pci_parallel_wait(c->context, &c->done[i - 1], 1);
+        }
+        c->sums[i] = (uint32_t)i + (i > 0 ? c->sums[i - 1] : 0);
+        atomic_store_explicit(&c->done[i], 1, memory_order_release);
+    }
+}
+
+static void pieces_wait_for_earlier_ones(void **state) {
+    (void)state;
+    for (uint32_t threads = 1; threads <= 8; ++threads) {
+        chain c = {.context = test_context(threads)};
+        pci_parallel_for(c.context, 200, 1, add_link, &c);
+        assert_int_equal(c.sums[199], 199 * 200 / 2);
+        pc_context_destroy(c.context);
+    }
+}
+
 static void scratch_memory_is_aligned_and_bounded(void **state) {
     (void)state;
     pc_context *context = test_context(1);
@@ -190,6 +219,7 @@ static void sorting_by_number_equals_qsort(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(parallel_for_visits_every_element_once),
+        cmocka_unit_test(pieces_wait_for_earlier_ones),
         cmocka_unit_test(scratch_memory_is_aligned_and_bounded),
         cmocka_unit_test(long_loops_can_be_cancelled),
         cmocka_unit_test(every_field_is_described),

@@ -241,7 +241,8 @@ static void only_new_crossings_count(void **state) {
     assert_ok(s.context,
               pc_evaluate_motion(s.context, &s.mesh, &s.mesh, &s.motion, &s.skin, &options, &m));
     assert_close(m.new_intersections, 0.5 * (double)pairs, 1e-12);
-    options.crossing_frames = 2; // frames 1 and 3
+    assert_close(m.proxy_intersections, 0.5 * (double)pairs, 1e-12); // the same mesh
+    options.crossing_frames = 2;                                     // frames 1 and 3
     assert_ok(s.context,
               pc_evaluate_motion(s.context, &s.mesh, &s.mesh, &s.motion, &s.skin, &options, &m));
     assert_close(m.new_intersections, 0.5 * (double)pairs, 1e-12);
@@ -249,6 +250,12 @@ static void only_new_crossings_count(void **state) {
     assert_ok(s.context,
               pc_evaluate_motion(s.context, &s.mesh, &s.mesh, &s.motion, &s.skin, &options, &m));
     assert_true(m.new_intersections == 0.0);
+    options.crossing_frames = 4;
+    memset(s.skin.bones, 0, 8 * sizeof(*s.skin.bones)); // the sheet follows a vertex at rest
+    assert_ok(s.context,
+              pc_evaluate_motion(s.context, &s.mesh, &s.mesh, &s.motion, &s.skin, &options, &m));
+    assert_true(m.new_intersections == 0.0);
+    assert_close(m.proxy_intersections, 0.5 * (double)pairs, 1e-12);
     // The crossing pose as the rest pose.
     memcpy(s.mesh.positions, moved(&s, 2, 0), 24 * sizeof(double));
     assert_true(measure(&s).new_intersections == 0.0);

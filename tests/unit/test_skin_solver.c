@@ -288,15 +288,16 @@ static void groups_of_one_colour_share_nothing(void **state) {
     const size_t nv = s.f.problem.vertex_count;
     uint32_t *group = calloc(nv, sizeof(uint32_t)), *colour = calloc(nv, sizeof(uint32_t));
     size_t members = 0;
-    for (uint32_t c = 0; c < q->colour_count; ++c) {
-        for (uint32_t i = q->colour_offsets[c]; i < q->colour_offsets[c + 1]; ++i) {
-            const uint32_t g = q->groups[i];
-            for (size_t m = pci_skin_group_begin(q, g); m < pci_skin_group_begin(q, g + 1); ++m) {
-                assert_int_equal(colour[q->members[m]], 0); // each vertex once
-                colour[q->members[m]] = c + 1;
-                group[q->members[m]] = g;
-                ++members;
-            }
+    for (uint32_t i = 0; i < q->group_count; ++i) {
+        const uint32_t g = q->groups[i];
+        assert_true(i == 0 || q->colours[g] >= q->colours[q->groups[i - 1]]);
+        assert_int_equal(q->colours[q->groups[2 * q->group_count - 1 - i]], q->colours[g]);
+        for (size_t m = pci_skin_group_begin(q, g); m < pci_skin_group_begin(q, g + 1); ++m) {
+            assert_int_equal(colour[q->members[m]], 0); // each vertex once
+            colour[q->members[m]] = q->colours[g];
+            group[q->members[m]] = g;
+            assert_int_equal(q->group_of[q->members[m]], g);
+            ++members;
         }
     }
     assert_int_equal(members, nv);
@@ -462,9 +463,9 @@ static void sweeps_reach_the_minimum(void **state) {
         scale = fabs((double)g0[i]) > scale ? fabs((double)g0[i]) : scale;
     }
     memcpy(w, s.f.weights, count * sizeof(double));
-    for (uint32_t sweep = 0; sweep < 2000; ++sweep) {
-        pci_skin_quadratic_sweep(q, groups, sweep % 2 == 1, moved, w);
-        for (size_t i = 0; i < count && sweep % 8 == 7; ++i) { // rounds are not longer
+    for (uint32_t round = 0; round < 250; ++round) {
+        pci_skin_quadratic_sweep(q, groups, 8, moved, w);
+        for (size_t i = 0; i < count; ++i) {
             moved[i] = (float)(w[i] - s.f.weights[i]);
         }
     }

@@ -63,7 +63,17 @@ typedef struct improvement {
     size_t wanted;    // vertices
     size_t capacity;  // of feet, pinned and parent
     uint32_t *parent; // per coarse vertex, what it was merged into; itself when alive
+    uint8_t *rests;   // per coarse vertex: found no better place, and nothing changed around it
 } improvement;
+
+// Something about v has changed.
+static void wake(const improvement *m, uint32_t v) {
+    m->rests[v] = 0;
+    PCI_FOR_OUTGOING(m->r->coarse, v, h) {
+        m->rests[pci_target(m->r->coarse, h)] = 0;
+        m->rests[m->r->coarse->corners[pci_previous(h)]] = 0;
+    }
+}
 
 // ---- places -----------------------------------------------------------------------------------
 
@@ -160,11 +170,15 @@ static bool has_better_shape(const pci_relaxation *r, uint32_t v, pci_fan_shape 
 static void reposition(const improvement *m, uint32_t v) {
     pci_relaxation *r = m->r;
     const pci_halfedge *coarse = r->coarse;
-    pci_fan_shape best = pci_shape_of_fan(r, v);
-    double step = 0.3 * mean_edge(r, v);
-    if (r->pinned[v] || best.angle >= bad_angle) {
+    if (m->rests[v] || r->pinned[v]) {
         return;
     }
+    pci_fan_shape best = pci_shape_of_fan(r, v);
+    double step = 0.3 * mean_edge(r, v);
+    if (best.angle >= bad_angle) {
+        return;
+    }
+    bool moved = false;
     const double allowed = fmax(straying(r, v), farthest * m->spacing);
     for (size_t level = 0; level < PCI_EFFORT(4, 1); ++level, step *= 0.5) {
         const place start = place_of(r, v);
@@ -187,11 +201,16 @@ static void reposition(const improvement *m, uint32_t v) {
                 if (has_better_shape(r, v, &shape) && !strays(r, v, PC_INVALID_INDEX, allowed)) {
                     best = shape;
                     better = place_of(r, v);
+                    moved = true;
                 }
             }
         }
         put(r, v, &better);
     }
+    if (moved) {
+        wake(m, v);
+    }
+    m->rests[v] = !moved;
 }
 
 // ---- collapses --------------------------------------------------------------------------------
@@ -283,6 +302,7 @@ static uint32_t merge_edge(improvement *m, uint32_t h, const place *where) {
     m->parent[a] = b;
     m->r->pinned[b] |= m->r->pinned[a];
     put(m->r, b, where);
+    wake(m, b);
     return b;
 }
 
@@ -329,6 +349,7 @@ static uint32_t split(improvement *m, uint32_t h) {
         r->pinned[v] = 0;
         m->parent[v] = v;
         pci_relax_move(r, v, middle);
+        wake(m, v);
     }
     return v;
 }
@@ -494,6 +515,7 @@ bool pci_improve(pci_scratch *scratch, pci_relaxation *r, double spacing, uint32
     uint32_t *feet = PCI_SCRATCH(scratch, uint32_t, m.capacity);
     uint8_t *pinned = PCI_SCRATCH(scratch, uint8_t, m.capacity);
     m.parent = PCI_SCRATCH(scratch, uint32_t, m.capacity);
+    m.rests = PCI_SCRATCH(scratch, uint8_t, m.capacity);
     if (scratch->failed) {
         return false;
     }
@@ -512,8 +534,9 @@ bool pci_improve(pci_scratch *scratch, pci_relaxation *r, double spacing, uint32
         if (bad == 0) {
             break;
         }
-
-        pci_relax_flip(r);
+        if (pci_relax_flip(r) > 0) {
+            memset(m.rests, 0, m.capacity);
+        }
     }
     return renumber(scratch, &m, nearby);
 }

@@ -342,9 +342,7 @@ pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, dou
         }
         job.factor = same_frames ? step_length(slope, slope_of_step(a)) : 0.0;
         pci_parallel_for(context, nv, 256, extrapolate, &job);
-        for (uint32_t sweep = 0; sweep < SWEEPS; ++sweep) {
-            pci_skin_quadratic_sweep(&a->quadratic, a->gradient, sweep % 2 == 1, a->moved, weights);
-        }
+        pci_skin_quadratic_sweep(&a->quadratic, a->gradient, SWEEPS, a->moved, weights);
         // A quadratic function falls by half of what the gradient says on the way to its minimum.
         slope = slope_of_step(a);
         const double fall = -0.5 * slope;

@@ -219,34 +219,33 @@ static bool build_groups(pci_scratch *scratch, const pci_skin_problem *p, const 
 // Each group takes the first colour that no group it shares an entry of M with has.
 static bool colour_groups(pci_scratch *scratch, pci_skin_quadratic *q) {
     pci_scratch local = pci_scratch_begin(scratch->context);
-    uint32_t *group_of = PCI_SCRATCH(&local, uint32_t, q->vertex_count);
-    uint32_t *colours = PCI_SCRATCH(&local, uint32_t, q->group_count); // + 1; 0: none yet
     uint32_t *taken = PCI_SCRATCH(&local, uint32_t, (size_t)q->group_count + 2);
-    q->colour_offsets = PCI_SCRATCH(scratch, uint32_t, (size_t)q->group_count + 2);
-    q->groups = PCI_SCRATCH(scratch, uint32_t, q->group_count);
+    q->group_of = PCI_SCRATCH(scratch, uint32_t, q->vertex_count);
+    q->colours = PCI_SCRATCH(scratch, uint32_t, q->group_count);
+    q->groups = PCI_SCRATCH(scratch, uint32_t, 2 * (size_t)q->group_count);
     const bool good = !scratch->failed && !local.failed;
     for (size_t m = 0; m < q->vertex_count && good; ++m) {
-        group_of[q->members[m]] = (uint32_t)(m / PCI_SKIN_GROUP);
+        q->group_of[q->members[m]] = (uint32_t)(m / PCI_SKIN_GROUP);
     }
+    uint32_t last = 0;
     for (uint32_t g = 0; g < q->group_count && good; ++g) {
         for (size_t i = q->known_offsets[g]; i < q->known_offsets[g + 1]; ++i) {
-            taken[colours[group_of[q->known[i]]]] = g + 1;
+            taken[q->colours[q->group_of[q->known[i]]]] = g + 1; // 0: none yet
         }
         uint32_t colour = 1;
         while (taken[colour] == g + 1) {
             ++colour;
         }
-        colours[g] = colour;
-        q->colour_count = colour > q->colour_count ? colour : q->colour_count;
+        q->colours[g] = colour;
+        last = colour > last ? colour : last;
     }
-    uint32_t next = 0;
-    for (uint32_t c = 0; c < q->colour_count; ++c) {
+    size_t next = 0;
+    for (uint32_t c = 0; c < 2 * last; ++c) {
         for (uint32_t g = 0; g < q->group_count; ++g) {
-            if (colours[g] == c + 1) {
+            if (q->colours[g] == (c < last ? c + 1 : 2 * last - c)) {
                 q->groups[next++] = g;
             }
         }
-        q->colour_offsets[c + 1] = next;
     }
     pci_scratch_end(&local);
     return good;

@@ -54,6 +54,7 @@ static bool build_loaded(pci_scratch *scratch, pci_skin_quadratic *q) {
     const uint32_t threads = pc_context_threads(scratch->context);
     group_sizes sizes;
     q->loaded = PCI_SCRATCH(scratch, pci_skin_group, threads);
+    q->finished = PCI_SCRATCH(scratch, atomic_uint, q->group_count);
     if (scratch->failed || !find_group_sizes(scratch, q, &sizes)) {
         return false;
     }
@@ -120,8 +121,6 @@ typedef struct sweep_job {
     float *const *gradient; // #groups
     float *moved;           // w - w0
     double *weights;
-    const uint32_t *groups; // of the running colour
-    bool backward;
     uint32_t kept;     // slots to keep, or 0
     uint32_t *allowed; // of the quadratic, if slots are taken away
 } sweep_job;
@@ -514,33 +513,49 @@ static void visit_group(const sweep_job *job, bool backward, pci_skin_group *g) 
     }
 }
 
+// Waits until the neighbours of a group stand as if all groups were visited in turn: those that
+// come before it have finished this sweep, the others the last one.
+static void wait_for_neighbours(const pci_skin_quadratic *q, uint32_t group, uint32_t sweep) {
+    const bool backward = sweep % 2 == 1;
+    const uint32_t colour = q->colours[group];
+    for (size_t i = q->known_offsets[group]; i < q->known_offsets[group + 1]; ++i) {
+        const uint32_t other = q->group_of[q->known[i]];
+        const bool before = backward ? q->colours[other] > colour : q->colours[other] < colour;
+        pci_parallel_wait(q->context, &q->finished[other], before ? sweep + 1 : sweep);
+    }
+}
+
+// Visits groups by sweep and turn. No barrier is needed between colours or sweeps.
 static void sweep_groups(void *user, size_t begin, size_t end, uint32_t worker) {
     const sweep_job *job = user;
-    pci_skin_group *g = &job->q->loaded[worker];
+    const pci_skin_quadratic *q = job->q;
     for (size_t i = begin; i < end; ++i) {
-        load_group(job, job->groups[i], g);
+        const uint32_t sweep = (uint32_t)(i / q->group_count),
+                       turn = (uint32_t)(i % q->group_count);
+        const uint32_t group = q->groups[sweep % 2 * q->group_count + turn];
+        pci_skin_group *g = &q->loaded[worker];
+        wait_for_neighbours(q, group, sweep);
+        load_group(job, group, g);
         visit_group(job, false, g);
         if (job->kept == 0) {
             visit_group(job, true, g);
         }
+        atomic_store_explicit(&q->finished[group], sweep + 1, memory_order_release);
     }
 }
 
-static void run_sweep(sweep_job *job) {
+static void run_sweeps(sweep_job *job, uint32_t sweeps) {
     const pci_skin_quadratic *q = job->q;
-    for (uint32_t c = 0; c < q->colour_count; ++c) {
-        const uint32_t colour = job->backward ? q->colour_count - 1 - c : c;
-        const uint32_t first = q->colour_offsets[colour], last = q->colour_offsets[colour + 1];
-        job->groups = &q->groups[first];
-        pci_parallel_for(q->context, last - first, 1, sweep_groups, job);
+    for (uint32_t g = 0; g < q->group_count; ++g) {
+        atomic_store_explicit(&q->finished[g], 0, memory_order_relaxed);
     }
+    pci_parallel_for(q->context, (size_t)sweeps * q->group_count, 1, sweep_groups, job);
 }
 
-void pci_skin_quadratic_sweep(const pci_skin_quadratic *q, float *const *gradient, bool backward,
+void pci_skin_quadratic_sweep(const pci_skin_quadratic *q, float *const *gradient, uint32_t sweeps,
                               float *moved, double *weights) {
-    sweep_job job = {
-        .q = q, .gradient = gradient, .moved = moved, .weights = weights, .backward = backward};
-    run_sweep(&job);
+    sweep_job job = {.q = q, .gradient = gradient, .moved = moved, .weights = weights};
+    run_sweeps(&job, sweeps);
 }
 
 void pci_skin_quadratic_prune(const pci_skin_quadratic *q, float *const *gradient, uint32_t kept,
@@ -551,5 +566,5 @@ void pci_skin_quadratic_prune(const pci_skin_quadratic *q, float *const *gradien
                      .weights = weights,
                      .kept = kept,
                      .allowed = allowed};
-    run_sweep(&job);
+    run_sweeps(&job, 1);
 }

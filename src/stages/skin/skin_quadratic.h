@@ -50,13 +50,15 @@ typedef struct pci_skin_quadratic {
     const double *points;   // #V by width: x^
     // Vertices in groups; groups of one colour share no entry of M.
     const uint32_t *members; // #V
-    uint32_t group_count, colour_count;
-    uint32_t *colour_offsets; // #colours + 1, into groups
-    uint32_t *groups;         // #groups, by colour
-    size_t *known_offsets;    // #groups + 1
-    uint32_t *known;          // the vertices of each group in order, then their neighbours
-    size_t *offsets;          // #V + 1: rows of M by member, the diagonal is the first entry
-    uint32_t *entries;        // places among the vertices that the group knows
+    uint32_t group_count;
+    uint32_t *colours;     // #groups, from 1
+    uint32_t *groups;      // 2 #groups: by colour, then from the last colour to the first
+    uint32_t *group_of;    // #V
+    atomic_uint *finished; // #groups: sweeps that are done
+    size_t *known_offsets; // #groups + 1
+    uint32_t *known;       // the vertices of each group in order, then their neighbours
+    size_t *offsets;       // #V + 1: rows of M by member, the diagonal is the first entry
+    uint32_t *entries;     // places among the vertices that the group knows
     float *values;
     const double *gram;      // G, #P width by #P width
     const uint32_t *allowed; // #V, bit k: slot k may have weight
@@ -88,13 +90,13 @@ bool pci_skin_quadratic_weigh(pci_scratch *scratch, const pci_skin_problem *prob
 // Takes notice of other numbers in G, or other slots.
 void pci_skin_quadratic_use(pci_skin_quadratic *quadratic, uint32_t slots);
 
-// Gauss-Seidel over the groups, each swept there and back: every vertex is minimised exactly over
-// the simplex, twice.
+// Gauss-Seidel over the groups by colour, every other time from the last colour to the first; each
+// is swept there and back: every vertex is minimised exactly over the simplex, twice.
 // @param[in]     gradient  #groups: g0 of the members, by slots.
 // @param[in,out] moved     #V by slots: W - W0.
 // @param[in,out] weights   #V by slots: W.
 void pci_skin_quadratic_sweep(const pci_skin_quadratic *quadratic, float *const *gradient,
-                              bool backward, float *moved, double *weights);
+                              uint32_t sweeps, float *moved, double *weights);
 
 // A sweep that takes slots away until each row has `kept`: the one whose loss costs least while the
 // other slots of the row adapt, by the second derivatives (Hassibi, Stork, "Optimal brain surgeon",

@@ -145,10 +145,9 @@ static void fill_constants(const pci_skin_frames *w, uint32_t i, void *constants
             attached[c] -= pci_skin_near_weight(p, i, e) * target[c];
         }
     }
-    for (size_t x = PCI_SKIN_RING; x <= PCI_SKIN_NEAR; x += PCI_SKIN_NEAR - PCI_SKIN_RING) {
-        const double squares = values[x] + values[x + 3] + values[x + 5];
-        values[x + 6] = squares > 1e-30 ? 1.0 / squares : 0.0;
-    }
+    const double *ring = &values[PCI_SKIN_RING];
+    const double squares = ring[0] + ring[3] + ring[5];
+    values[PCI_SKIN_RING + 6] = squares > 1e-30 ? 1.0 / squares : 0.0;
     for (size_t c = 0; c < 3; ++c) {
         values[PCI_SKIN_ATTACHED + c] = w->unit * attached[c];
     }

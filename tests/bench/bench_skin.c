@@ -166,7 +166,8 @@ static bool run_paper(bench *b, const char *name, uint32_t batch, uint32_t steps
     skin.bones = PCI_SCRATCH(&scratch, uint32_t, SLOTS * nv);
     skin.weights = PCI_SCRATCH(&scratch, double, SLOTS *nv);
     pci_place *closest = PCI_SCRATCH(&scratch, pci_place, nv);
-    bool good = !scratch.failed && pci_skin_problem_build(&scratch, surface, SLOTS, &problem) &&
+    bool good = !scratch.failed &&
+                pci_skin_problem_build(&scratch, surface, NULL, SLOTS, &problem) &&
                 pci_closest_points(b->context, "skin", surface, &asset->proxy, closest) == PC_OK &&
                 pci_skin_find_candidates(&scratch, surface, &asset->proxy, closest, NULL, SLOTS,
                                          skin.bones, skin.weights);
@@ -207,7 +208,7 @@ static bool run_kernel(bench *b) {
     pci_scratch scratch = pci_scratch_begin(b->context);
     pci_skin_problem problem;
     pci_skin_frames frames;
-    bool good = pci_skin_problem_build(&scratch, &asset->visual.surface, SLOTS, &problem);
+    bool good = pci_skin_problem_build(&scratch, &asset->visual.surface, NULL, SLOTS, &problem);
     if (good) {
         set_motion(asset, skin, &problem);
         good =

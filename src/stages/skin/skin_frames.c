@@ -140,9 +140,10 @@ static void fill_constants(const pci_skin_frames *w, uint32_t i, void *constants
     }
     for (size_t e = (size_t)i * p->near_count; e < ((size_t)i + 1) * p->near_count; ++e) {
         const double *target = &p->rest[3 * (size_t)p->near[e]];
+        const double weight = pci_skin_near_weight(p, i, e);
         add_product(w, i, p->near[e], &values[PCI_SKIN_NEAR]);
         for (size_t c = 0; c < 3; ++c) {
-            attached[c] -= pci_skin_near_weight(p, i, e) * target[c];
+            attached[c] -= weight * target[c];
         }
     }
     const double *ring = &values[PCI_SKIN_RING];

@@ -13,84 +13,81 @@ static void accumulate(size_t *offsets, size_t count) {
 }
 
 // Ends of the half-edge from corner c to the next one, smaller vertex first.
-static void half_edge_ends(const pc_mesh *mesh, size_t half, uint32_t ends[2]) {
-    const uint32_t a = mesh->triangles[half];
-    const uint32_t b = mesh->triangles[half % 3 == 2 ? half - 2 : half + 1];
+static void half_edge_ends(const uint32_t corners[3], size_t c, uint32_t ends[2]) {
+    const uint32_t a = corners[c], b = corners[c == 2 ? 0 : c + 1];
     ends[0] = a < b ? a : b;
     ends[1] = a < b ? b : a;
 }
 
-// A half-edge in the row of its smaller vertex.
-typedef struct half_entry {
-    uint32_t second; // the larger vertex
-    uint32_t half;
-} half_entry;
+// A half-edge in the row of its smaller vertex: the larger vertex above, the half-edge below.
+static uint64_t make_entry(uint32_t second, size_t half) { return (uint64_t)second << 32 | half; }
+static uint32_t entry_second(uint64_t entry) { return (uint32_t)(entry >> 32); }
+static uint32_t entry_half(uint64_t entry) { return (uint32_t)entry; }
 
-static int compare_entries(const void *left, const void *right) {
-    const half_entry *a = left, *b = right;
-    return a->second != b->second ? (a->second > b->second) - (a->second < b->second)
-                                  : (a->half > b->half) - (a->half < b->half);
-}
-
-// Orders a row by (second, half); the halves rise.
-static void sort_row(half_entry *row, size_t count) {
-    enum { most_inserted = 32 };
+// Sorts a row, and returns how many edges it has.
+static size_t sort_row(uint64_t *row, size_t count) {
+    enum { most_inserted = 16 };
     if (count > most_inserted) {
-        qsort(row, count, sizeof(*row), compare_entries);
-        return;
+        qsort(row, count, sizeof(*row), pci_compare_u64);
     }
-    for (size_t i = 1; i < count; ++i) {
-        const half_entry entry = row[i];
-        size_t at = i;
-        for (; at > 0 && row[at - 1].second > entry.second; --at) {
-            row[at] = row[at - 1];
+    for (size_t i = 1; i < count && count <= most_inserted; ++i) {
+        uint64_t entry = row[i];
+        for (size_t at = i; at > 0; --at) { // to the end: branches would be guessed wrong
+            const uint64_t before = row[at - 1];
+            row[at] = before > entry ? before : entry;
+            entry = before > entry ? entry : before;
         }
-        row[at] = entry;
+        row[0] = entry;
     }
+    size_t edges = count > 0;
+    for (size_t i = 1; i < count; ++i) {
+        edges += entry_second(row[i]) != entry_second(row[i - 1]);
+    }
+    return edges;
 }
 
 // The half-edges with length in rows by their smaller vertex, ordered: row v is entries[offsets[v]
 // .. offsets[v + 1]). `entries` has room for all, `offsets` is #V + 2. False: cancelled while
 // `watched`.
 static bool sort_half_edges(pc_context *context, const pc_mesh *mesh, bool watched,
-                            half_entry *entries, size_t *offsets) {
-    const size_t half_count = 3 * mesh->triangle_count, nv = mesh->vertex_count;
+                            uint64_t *entries, size_t *offsets, size_t *edge_count) {
+    const size_t nv = mesh->vertex_count;
     size_t *next = offsets + 1;
     uint32_t ends[2];
-    for (size_t h = 0; h < half_count; ++h) {
-        half_edge_ends(mesh, h, ends);
-        next[ends[0] + 1] += ends[0] != ends[1];
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        for (size_t c = 0; c < 3; ++c) {
+            half_edge_ends(&mesh->triangles[3 * t], c, ends);
+            next[ends[0] + 1] += ends[0] != ends[1];
+        }
     }
     accumulate(next, nv);
     if (watched && !pci_keep_going(context)) {
         return false;
     }
-    for (size_t h = 0; h < half_count; ++h) {
-        half_edge_ends(mesh, h, ends);
-        if (ends[0] != ends[1]) {
-            entries[next[ends[0]]++] = (half_entry){ends[1], (uint32_t)h};
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        for (size_t c = 0; c < 3; ++c) {
+            half_edge_ends(&mesh->triangles[3 * t], c, ends);
+            if (ends[0] != ends[1]) {
+                entries[next[ends[0]]++] = make_entry(ends[1], 3 * t + c);
+            }
         }
     }
     if (watched && !pci_keep_going(context)) {
         return false;
     }
+    *edge_count = 0;
     for (size_t v = 0; v < nv; ++v) {
-        sort_row(&entries[offsets[v]], offsets[v + 1] - offsets[v]);
+        *edge_count += sort_row(&entries[offsets[v]], offsets[v + 1] - offsets[v]);
     }
     return !watched || pci_keep_going(context);
 }
 
 // Edges, edges of triangles and triangles of edges from the ordered half-edges.
-static bool build_edges(pci_scratch *scratch, const pc_mesh *mesh, const half_entry *entries,
+static bool build_edges(pci_scratch *scratch, const pc_mesh *mesh, const uint64_t *entries,
                         const size_t *offsets, pci_topology *topology) {
     const size_t half_count = 3 * mesh->triangle_count;
     topology->triangle_edges = PCI_SCRATCH(scratch, uint32_t, half_count);
     topology->edge_triangles = PCI_SCRATCH(scratch, uint32_t, half_count);
-    for (size_t v = 0; v < mesh->vertex_count; ++v) {
-        for (size_t i = offsets[v]; i < offsets[v + 1]; ++i) {
-            topology->edge_count += i == offsets[v] || entries[i].second != entries[i - 1].second;
-        }
-    }
     topology->edges = PCI_SCRATCH(scratch, uint32_t, 2 * topology->edge_count);
     topology->edge_triangle_offsets = PCI_SCRATCH(scratch, size_t, topology->edge_count + 1);
     if (scratch->failed) {
@@ -100,13 +97,14 @@ static bool build_edges(pci_scratch *scratch, const pc_mesh *mesh, const half_en
     size_t edge = 0, written = 0;
     for (size_t v = 0; v < mesh->vertex_count; ++v) {
         for (size_t i = offsets[v]; i < offsets[v + 1]; ++i) {
-            const uint32_t t = entries[i].half / 3;
-            const bool first = i == offsets[v] || entries[i].second != entries[i - 1].second;
+            const uint32_t half = entry_half(entries[i]), second = entry_second(entries[i]);
+            const uint32_t t = half / 3;
+            const bool first = i == offsets[v] || second != entry_second(entries[i - 1]);
             if (first) {
                 topology->edges[2 * edge] = (uint32_t)v;
-                topology->edges[2 * edge++ + 1] = entries[i].second;
+                topology->edges[2 * edge++ + 1] = second;
             }
-            topology->triangle_edges[entries[i].half] = (uint32_t)(edge - 1);
+            topology->triangle_edges[half] = (uint32_t)(edge - 1);
             // A triangle with a repeated vertex runs along its edge twice.
             if (first || topology->edge_triangles[written - 1] != t) {
                 topology->edge_triangles[written++] = t;
@@ -172,12 +170,13 @@ static bool build(pci_scratch *scratch, const pc_mesh *mesh, bool watched, pci_t
     pc_context *context = scratch->context;
     pci_scratch temporary = pci_scratch_begin(context);
     memset(topology, 0, sizeof(*topology));
-    half_entry *entries = PCI_SCRATCH(&temporary, half_entry, 3 * mesh->triangle_count);
+    uint64_t *entries = PCI_SCRATCH(&temporary, uint64_t, 3 * mesh->triangle_count);
     size_t *offsets = PCI_SCRATCH(&temporary, size_t, mesh->vertex_count + 2);
-    const bool good = !temporary.failed &&
-                      sort_half_edges(context, mesh, watched, entries, offsets) &&
-                      build_edges(scratch, mesh, entries, offsets, topology) &&
-                      (!watched || pci_keep_going(context));
+    const bool good =
+        !temporary.failed &&
+        sort_half_edges(context, mesh, watched, entries, offsets, &topology->edge_count) &&
+        build_edges(scratch, mesh, entries, offsets, topology) &&
+        (!watched || pci_keep_going(context));
     scratch->failed |= temporary.failed;
     pci_scratch_end(&temporary);
     return good;

@@ -235,15 +235,64 @@ static bool take(const lining *l, const uint8_t *keep, const pci_shape *wanted, 
     return done;
 }
 
+// Whether no edge has more than two triangles, no vertex more than one fan, and so on: false in
+// `manifold` when repair would change something. False: out of memory, or cancelled.
+static bool check_manifold(const lining *l, bool *manifold) {
+    pci_scratch scratch = pci_scratch_begin(l->scratch->context);
+    pci_repair_counts counts;
+    pc_mesh repaired = {0};
+    const bool done = pci_mesh_repair(&scratch, l->mesh, NULL, &repaired, &counts);
+    *manifold = done && counts.removed_triangles == 0 && counts.split_vertices == 0;
+    pc_mesh_free(scratch.context, &repaired);
+    pci_scratch_end(&scratch);
+    return done;
+}
+
+// Whether the mesh, a manifold, has as many components and the same Euler characteristic without
+// what goes: take() asks all, but much slower. `parents` (#F) and `marks` (#V) are overwritten.
+static bool may_take(const lining *l, const uint8_t *keep, const pci_shape *wanted,
+                     uint32_t *parents, uint8_t *marks) {
+    enum { used = 1, on_border = 2 };
+    const pc_mesh *mesh = l->mesh;
+    size_t components = 0, vertices = 0, edges = 0, triangles = 0;
+    pci_singletons(parents, mesh->triangle_count);
+    memset(marks, 0, mesh->vertex_count);
+    for (size_t e = 0; e < l->topology.edge_count; ++e) {
+        const size_t begin = l->topology.edge_triangle_offsets[e];
+        const uint32_t *sides = &l->topology.edge_triangles[begin];
+        const bool inner = l->topology.edge_triangle_offsets[e + 1] - begin == 2;
+        const bool first = keep[sides[0]], second = inner && keep[sides[1]];
+        edges += first || second;
+        if (first && second) {
+            pci_unite(parents, sides[0], sides[1]);
+        } else if (first || second) {
+            ++vertices; // two edges of the border end at a vertex
+            marks[l->topology.edges[2 * e]] = marks[l->topology.edges[2 * e + 1]] = on_border;
+        }
+    }
+    for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
+        triangles += keep[t];
+        components += keep[t] && pci_find_root(parents, t) == t;
+        for (size_t c = 3 * (size_t)t; c < 3 * (size_t)t + 3 && keep[t]; ++c) {
+            vertices += marks[mesh->triangles[c]] == 0;
+            marks[mesh->triangles[c]] |= used;
+        }
+    }
+    return components == wanted->components && vertices + triangles - edges == wanted->euler;
+}
+
 // `kept` receives the mesh without its linings, if there are some. Where not all pieces can go, as
 // many go as may.
 static bool cut(const lining *l, uint8_t *keep, pc_mesh *kept) {
     const size_t triangles = l->mesh->triangle_count;
     uint8_t *tried = PCI_SCRATCH(l->scratch, uint8_t, triangles);
     uint32_t *of = PCI_SCRATCH(l->scratch, uint32_t, triangles);
+    uint32_t *parents = PCI_SCRATCH(l->scratch, uint32_t, triangles);
+    uint8_t *marks = PCI_SCRATCH(l->scratch, uint8_t, l->mesh->vertex_count);
     piece *pieces = NULL;
     size_t count = 0;
     pci_shape wanted = {0};
+    bool manifold = false;
     if (l->scratch->failed || !list_pieces(l, keep, of, &pieces, &count)) {
         return false;
     }
@@ -256,13 +305,17 @@ static bool cut(const lining *l, uint8_t *keep, pc_mesh *kept) {
     if (kept->triangle_count > 0) {
         return true;
     }
+    if (!check_manifold(l, &manifold)) {
+        return false;
+    }
     memset(tried, 1, triangles);
     for (size_t i = 0; i < count && i < most_pieces; ++i) {
         const size_t before = kept->triangle_count;
         for (size_t t = 0; t < triangles; ++t) {
             tried[t] = tried[t] && (keep[t] || of[t] != pieces[i].root);
         }
-        if (!take(l, tried, &wanted, kept)) {
+        const bool may = !manifold || may_take(l, tried, &wanted, parents, marks);
+        if (may && !take(l, tried, &wanted, kept)) {
             return false;
         }
         for (size_t t = 0; t < triangles && kept->triangle_count == before; ++t) {

@@ -21,18 +21,11 @@ void pci_skin_point(const pci_skin_problem *problem, const double origin[3], dou
     }
 }
 
-void pci_skin_bone_map(const pci_skin_problem *problem, const double origin[3], size_t frame,
+void pci_skin_turn_map(const pci_skin_problem *problem, const double origin[3], size_t frame,
                        size_t bone, double *map) {
-    const size_t at = frame * problem->proxy_count + bone;
-    const double *rest = &problem->proxy_rest[3 * bone];
-    pci_sub(&problem->frames[3 * at], rest, map);
-    if (problem->rotations == NULL) {
-        return;
-    }
-    double arm[3];
-    pci_sub(rest, origin, arm);
-    double turn[9];
-    pci_matrix_of_quaternion(&problem->rotations[4 * at], turn);
+    double arm[3], turn[9];
+    pci_sub(&problem->proxy_rest[3 * bone], origin, arm);
+    pci_matrix_of_quaternion(&problem->rotations[4 * (frame * problem->proxy_count + bone)], turn);
     for (size_t k = 0; k < 9; ++k) {
         const size_t row = k % 3, column = k / 3;
         map[3 + k] = turn[3 * row + column] - (row == column ? 1.0 : 0.0);

@@ -26,9 +26,20 @@ double pci_skin_extent(const pci_skin_problem *problem, double origin[3]);
 void pci_skin_point(const pci_skin_problem *problem, const double origin[3], double unit,
                     size_t vertex, double *point);
 
-// A of a bone in a frame, column by column; 3 by `columns`.
-void pci_skin_bone_map(const pci_skin_problem *problem, const double origin[3], size_t frame,
+// Adds to a displacement what the turn of the bone makes of it, and the columns of R - I.
+void pci_skin_turn_map(const pci_skin_problem *problem, const double origin[3], size_t frame,
                        size_t bone, double *map);
+
+// A of a bone in a frame, column by column; 3 by `columns`.
+static inline void pci_skin_bone_map(const pci_skin_problem *problem, const double origin[3],
+                                     size_t frame, size_t bone, double *map) {
+    const double *position = &problem->frames[3 * (frame * problem->proxy_count + bone)];
+    __builtin_prefetch(position + 48); // callers go from bone to bone
+    pci_sub(position, &problem->proxy_rest[3 * bone], map);
+    if (problem->rotations != NULL) {
+        pci_skin_turn_map(problem, origin, frame, bone, map);
+    }
+}
 
 // x^T G[b, c] y of a Gram matrix of all bones, #P columns by #P columns.
 static inline double pci_skin_gram_product(const double *gram, size_t proxy_count, size_t columns,

@@ -19,6 +19,18 @@ void pci_skin_put(const pci_skin_kernel *kernel, void *array, size_t index, doub
     }
 }
 
+static void put_all(const pci_skin_kernel *kernel, void *array, size_t index, const double *values,
+                    size_t count) {
+    if (kernel->real_size == sizeof(float)) {
+        float *to = (float *)array + index;
+        for (size_t i = 0; i < count; ++i) {
+            to[i] = (float)values[i];
+        }
+    } else {
+        memcpy((double *)array + index, values, count * sizeof(*values));
+    }
+}
+
 double pci_skin_get(const pci_skin_kernel *kernel, const void *array, size_t index) {
     return kernel->real_size == sizeof(float) ? (double)((const float *)array)[index]
                                               : ((const double *)array)[index];
@@ -128,15 +140,15 @@ static void fill_constants(const pci_skin_frames *w, uint32_t i, void *constants
     }
     for (size_t e = (size_t)i * p->near_count; e < ((size_t)i + 1) * p->near_count; ++e) {
         const double *target = &p->rest[3 * (size_t)p->near[e]];
+        const double weight = pci_skin_near_weight(p, i, e);
         add_product(w, i, p->near[e], &values[PCI_SKIN_NEAR]);
         for (size_t c = 0; c < 3; ++c) {
-            attached[c] -= pci_skin_near_weight(p, i, e) * target[c];
+            attached[c] -= weight * target[c];
         }
     }
-    for (size_t x = PCI_SKIN_RING; x <= PCI_SKIN_NEAR; x += PCI_SKIN_NEAR - PCI_SKIN_RING) {
-        const double squares = values[x] + values[x + 3] + values[x + 5];
-        values[x + 6] = squares > 1e-30 ? 1.0 / squares : 0.0;
-    }
+    const double *ring = &values[PCI_SKIN_RING];
+    const double squares = ring[0] + ring[3] + ring[5];
+    values[PCI_SKIN_RING + 6] = squares > 1e-30 ? 1.0 / squares : 0.0;
     for (size_t c = 0; c < 3; ++c) {
         values[PCI_SKIN_ATTACHED + c] = w->unit * attached[c];
     }
@@ -325,23 +337,25 @@ typedef struct driver_job {
     size_t first, stride; // blocks
 } driver_job;
 
-// What the proxy does in one frame, frames innermost. Where a block is not full the proxy is at
-// rest, which adds no gradient.
-static void fill_lane(const pci_skin_frames *w, uint32_t frame, void *driver, size_t lane) {
-    const pci_skin_problem *p = w->problem;
+// What one proxy vertex does in a block, frames innermost. Where a block is not full the proxy is
+// at rest, which adds no gradient.
+static void fill_bone(const pci_skin_frames *w, const uint32_t *frames, size_t bone, void *driver) {
     const size_t per_bone = 3 * (size_t)w->data.columns;
-    double map[3 * PCI_SKIN_COLUMNS_MAX] = {0};
-    for (size_t b = 0; b < p->proxy_count; ++b) {
+    double rows[3 * PCI_SKIN_COLUMNS_MAX * PCI_BLOCK];
+    for (size_t lane = 0; lane < PCI_BLOCK; ++lane) {
+        double map[3 * PCI_SKIN_COLUMNS_MAX];
+        const uint32_t frame = frames[lane];
         if (frame != PC_INVALID_INDEX) {
-            pci_skin_bone_map(p, w->origin, frame, b, map);
+            pci_skin_bone_map(w->problem, w->origin, frame, bone, map);
             for (size_t c = 0; c < 3; ++c) {
                 map[c] = w->unit * (map[c] - w->means[3 * frame + c]);
             }
         }
         for (size_t k = 0; k < per_bone; ++k) {
-            pci_skin_put(w->kernel, driver, (per_bone * b + k) * PCI_BLOCK + lane, map[k]);
+            rows[k * PCI_BLOCK + lane] = frame != PC_INVALID_INDEX ? map[k] : 0.0;
         }
     }
+    put_all(w->kernel, driver, per_bone * PCI_BLOCK * bone, rows, per_bone * PCI_BLOCK);
 }
 
 // In float the mean displacement is left out: no loss depends on it, and smaller numbers keep more
@@ -366,10 +380,10 @@ static void fill_drivers(void *user, size_t begin, size_t end, uint32_t worker) 
     (void)worker;
     const driver_job *job = user;
     const pci_skin_frames *w = job->w;
+    const size_t bones = w->problem->proxy_count;
     for (size_t i = begin; i < end; ++i) {
-        const size_t slot = i / PCI_BLOCK, block = job->first + slot * job->stride;
-        fill_lane(w, w->frames[block * PCI_BLOCK + i % PCI_BLOCK],
-                  w->drivers + slot * w->driver_size, i % PCI_BLOCK);
+        const size_t slot = i / bones, block = job->first + slot * job->stride;
+        fill_bone(w, &w->frames[block * PCI_BLOCK], i % bones, w->drivers + slot * w->driver_size);
     }
 }
 
@@ -379,7 +393,7 @@ static void load_drivers(pci_skin_frames *w, size_t first, size_t stride, size_t
         return;
     }
     driver_job job = {.w = w, .first = first, .stride = stride};
-    pci_parallel_for(w->context, count * PCI_BLOCK, 1, fill_drivers, &job);
+    pci_parallel_for(w->context, count * w->problem->proxy_count, 32, fill_drivers, &job);
     w->loaded_first = first;
     w->loaded_stride = stride;
     w->loaded_count = count;

@@ -174,132 +174,198 @@ static __attribute__((noinline)) void NAME(search_rotation)(const VEC s[9], MASK
     NAME(turn)(q, r);
 }
 
-// Searches the failed lanes from the identity: R - I times `factor`.
-static __attribute__((noinline)) void NAME(search_lanes)(const VEC s[9], const MASK *failed,
-                                                         REAL factor, VEC turn[9]) {
-    VEC scaled[9], q[4] = {{0}}, r[9], squares = {0};
+// A matrix S on the way to the rotation R that maximises tr(R^T S).
+//
+// Horn, "Closed-form solution of absolute orientation using unit quaternions", 1987: R's quaternion
+// is an eigenvector of the largest eigenvalue m of a symmetric 4 by 4 matrix; m is the sum of the
+// singular values, with the sign of det S on the least. With 2 k = m^2 - |S|^2 it is the largest
+// root of f = k^2 - 2 m det S - |cof S|^2. With g = axial(S - S^T) and
+// A = (m + tr S) I - S - S^T the quaternion is parallel to (det A, adj(A) g), whose length is
+// 4 f'(m) |w|, w the first number of the unit quaternion. A > 0 certifies that m is the largest: A
+// is a block of m I less that matrix, its Schur complement is 0. Where the length is small R is a
+// half turn or hardly determined, see find_again.
+typedef struct NAME(fit) {
+    VEC s[9];
+    VEC squares, minors, det_2; // |S|^2, |cof S|^2, 2 det S
+    VEC most, slope, value;     // m, f', f
+    MASK running;               // lanes in which m is not found
+} NAME(fit);
+
+// The quaternion of R, of any length.
+typedef struct NAME(quaternion) {
+    VEC w, x, y, z;
+    VEC sine, whole; // x^2 + y^2 + z^2, and w^2 with it
+    VEC gain;        // tr((R - I)^T S) times `whole`; the error of m counts squared
+} NAME(quaternion);
+
+static inline __attribute__((always_inline)) VEC NAME(minor)(VEC a, VEC b, VEC c, VEC d) {
+    return FUSED(a * b, -c, d);
+}
+
+static inline __attribute__((always_inline)) VEC NAME(dot)(const VEC *x, const VEC *y) {
+    return FUSED(FUSED(x[0] * y[0], x[1], y[1]), x[2], y[2]);
+}
+
+// f and f' at m.
+static inline __attribute__((always_inline)) void NAME(value_at_most)(NAME(fit) * f) {
+    const VEC k_2 = FUSED(-f->squares, f->most, f->most), half = (REAL)0.5 * k_2;
+    f->slope = FUSED(-f->det_2, k_2, f->most);
+    f->value = FUSED(FUSED(-f->minors, half, half), -f->det_2, f->most);
+}
+
+// One step of Householder's method of third order from m to a closer one.
+static inline __attribute__((always_inline)) void NAME(step_root)(NAME(fit) * f) {
+    const VEC curve = FUSED(-f->squares, NAME(all)(3) * f->most, f->most); // f'' / 2
+    const VEC bent = f->value * curve, slope_2 = f->slope * f->slope;
+    const VEC step = f->value * FUSED(slope_2, NAME(all)((REAL)-0.5), bent);
+    const VEC change = step / FUSED(f->slope * (slope_2 - bent), f->value * f->value, f->most);
+    f->most -= change;
+    NAME(value_at_most)(f);
+}
+
+// The last step, of Halley's method. Returns where it leaves an error.
+static inline __attribute__((always_inline)) MASK NAME(end_root)(NAME(fit) * f) {
+    const VEC curve = FUSED(-f->squares, NAME(all)(3) * f->most, f->most);
+    const VEC change = f->value * f->slope / FUSED(f->slope * f->slope, -f->value, curve);
+    const MASK far = ~(change * change * f->most < (REAL)ROOT_TOLERANCE * f->slope);
+    f->most -= change;
+    return far;
+}
+
+static inline __attribute__((always_inline)) void NAME(begin_fit)(NAME(fit) * f) {
+    const VEC s[9] = {f->s[0], f->s[1], f->s[2], f->s[3], f->s[4],
+                      f->s[5], f->s[6], f->s[7], f->s[8]};
+    const VEC c[9] = {NAME(minor)(s[4], s[8], s[5], s[7]), NAME(minor)(s[5], s[6], s[3], s[8]),
+                      NAME(minor)(s[3], s[7], s[4], s[6]), NAME(minor)(s[2], s[7], s[1], s[8]),
+                      NAME(minor)(s[0], s[8], s[2], s[6]), NAME(minor)(s[1], s[6], s[0], s[7]),
+                      NAME(minor)(s[1], s[5], s[2], s[4]), NAME(minor)(s[2], s[3], s[0], s[5]),
+                      NAME(minor)(s[0], s[4], s[1], s[3])};
+    const VEC det = NAME(dot)(&s[0], &c[0]);
+    f->squares = NAME(dot)(&s[0], &s[0]) + NAME(dot)(&s[3], &s[3]) + NAME(dot)(&s[6], &s[6]);
+    f->minors = NAME(dot)(&c[0], &c[0]) + NAME(dot)(&c[3], &c[3]) + NAME(dot)(&c[6], &c[6]);
+    f->det_2 = det + det;
+    // The first guess of m, exact where det S = 0.
+    const VEC k = ROOT(f->minors), k_2 = k + k;
+    f->most = ROOT(f->squares + k_2);
+    f->slope = FUSED(-f->det_2, k_2, f->most);
+    f->value = -f->det_2 * f->most;
+}
+
+// The quaternion of a matrix whose m is known. Returns where it is not to be trusted.
+static inline __attribute__((always_inline)) MASK NAME(quaternion_by_root)(const VEC s[9], VEC most,
+                                                                           NAME(quaternion) * q) {
+    const VEC g[3] = {s[7] - s[5], s[2] - s[6], s[3] - s[1]};
+    const VEC pair = s[4] + s[8], sum = most + s[0];
+    const VEC a00 = (most - s[0]) + pair, a11 = sum + (s[8] - s[4]), a22 = sum + (s[4] - s[8]);
+    const VEC n01 = s[1] + s[3], n02 = s[2] + s[6], n12 = s[5] + s[7]; // those of -A
+    const VEC c00 = NAME(minor)(a11, a22, n12, n12), c01 = FUSED(n01 * a22, n02, n12);
+    const VEC c02 = FUSED(n02 * a11, n01, n12), c11 = NAME(minor)(a00, a22, n02, n02);
+    const VEC c12 = FUSED(a00 * n12, n01, n02), c22 = NAME(minor)(a00, a11, n01, n01);
+    q->w = FUSED(FUSED(a00 * c00, -n01, c01), -n02, c02);
+    q->x = FUSED(FUSED(c00 * g[0], c01, g[1]), c02, g[2]);
+    q->y = FUSED(FUSED(c01 * g[0], c11, g[1]), c12, g[2]);
+    q->z = FUSED(FUSED(c02 * g[0], c12, g[1]), c22, g[2]);
+    q->sine = FUSED(FUSED(q->x * q->x, q->y, q->y), q->z, q->z);
+    q->whole = FUSED(q->sine, q->w, q->w);
+    const VEC turned = FUSED(FUSED(q->x * g[0], q->y, g[1]), q->z, g[2]);
+    q->gain = FUSED(q->sine * (most - (s[0] + pair)), q->w, turned);
+    const VEC least = (REAL)0.04 * (most * most * most);
+    return ~(a00 > 0) | ~(c22 > 0) | ~(q->w > 0) | ~(q->whole > least * least);
+}
+
+// `factor` times R - I of a quaternion of any length. Returns tr((R - I)^T S).
+static inline __attribute__((always_inline)) VEC NAME(matrix)(const NAME(quaternion) * q,
+                                                              REAL factor, VEC turn[9]) {
+    const VEC inverse = (REAL)1 / q->whole, share = (REAL)2 * factor * inverse, w = share * q->w;
+    const VEC x = share * q->x, y = share * q->y, z = share * q->z;
+    const VEC wx = w * q->x, wy = w * q->y, wz = w * q->z;
+    const VEC xx = x * q->x, xy = x * q->y, xz = x * q->z;
+    const VEC yy = y * q->y, yz = y * q->z, zz = z * q->z;
+    turn[0] = -(yy + zz), turn[1] = xy - wz, turn[2] = xz + wy;
+    turn[3] = xy + wz, turn[4] = -(xx + zz), turn[5] = yz - wx;
+    turn[6] = xz - wy, turn[7] = yz + wx, turn[8] = -(xx + yy);
+    return inverse * q->gain;
+}
+
+// Searches some lanes from q on: R - I times `factor`, and tr((R - I)^T S).
+static __attribute__((noinline)) void NAME(search_lanes)(const VEC s[9], const MASK *lost,
+                                                         const NAME(quaternion) * start,
+                                                         REAL factor, VEC turn[9], VEC *gain) {
+    VEC scaled[9], r[9], squares = {0}, found = {0};
     for (size_t k = 0; k < 9; ++k) {
         squares += s[k] * s[k];
     }
     for (size_t k = 0; k < 9; ++k) {
         scaled[k] = s[k] * NAME(inverse_root)(squares);
     }
-    q[0] += (REAL)1;
-    NAME(search_rotation)(scaled, *failed, q, r);
+    const VEC zero = {0}, one = zero + (REAL)1;
+    const MASK usable = start->whole > (REAL)1e-10 * (squares * squares * squares);
+    const VEC inverse = one / ROOT(SELECT(usable, start->whole, one));
+    VEC q[4] = {SELECT(usable, start->w * inverse, one), SELECT(usable, start->x * inverse, zero),
+                SELECT(usable, start->y * inverse, zero), SELECT(usable, start->z * inverse, zero)};
+    NAME(search_rotation)(scaled, *lost, q, r);
     for (size_t k = 0; k < 9; ++k) {
-        turn[k] = SELECT(*failed, factor * r[k], turn[k]);
+        turn[k] = SELECT(*lost, factor * r[k], turn[k]);
+        found += r[k] * s[k];
     }
+    *gain = SELECT(*lost, found, *gain);
 }
 
-// A matrix S on the way to the rotation R that maximises tr(R^T S).
-//
-// Markley, "Attitude determination using vector observations: a fast optimal matrix algorithm",
-// 1993. The maximum m is the sum of the singular values, with the sign of det S on the least. With
-// 2 k = m^2 - |S|^2 and z = k m - det S it is the largest root of
-// f = k^2 - 2 m det S - |cof S|^2, and
-//   R = ((k + |S|^2) S + m cof S - S S^T S) / z.
-// All four roots are real and f' = 2 z, so a root with z > 0 is the first or the third; and
-// 3 m^2 >= |S|^2 for the first, <= for the third, which tell them apart. z is the product of the
-// sums of two singular values each. Where it is small R is hardly determined; such lanes, and those
-// that do not converge, are searched for.
-typedef struct NAME(fit) {
-    VEC s[9], cofactors[9], products[6]; // of S S^T: xx, xy, xz, yy, yz, zz
-    VEC squares, minors, det_2;          // |S|^2, |cof S|^2, 2 det S
-    VEC most, square, slope, value;      // m, m^2, f' = 2 z, f
-    MASK running;                        // lanes in which m is not found
-} NAME(fit);
-
-static inline __attribute__((always_inline)) VEC NAME(minor)(VEC a, VEC b, VEC c, VEC d) {
-    return FUSED(a * b, -c, d);
+// Finds the failed lanes again, with R as a rotation R' after none or a half turn D about an axis;
+// R' is that of S D, D such that R' turns least. Those that fail again are searched for.
+static __attribute__((noinline)) void NAME(find_again)(const NAME(fit) * f, const MASK *failed,
+                                                       REAL factor, VEC turn[9], VEC *gain) {
+    const VEC *s = f->s;
+    const MASK x = s[4] + s[8] < 0, y = s[8] + s[0] < 0, z = s[0] + s[4] < 0; // better than none
+    const MASK xy = s[0] > s[4], yz = s[4] > s[8], zx = s[8] > s[0];
+    const MASK some = x | y | z, about_x = some & xy & ~zx, about_y = some & yz & ~xy;
+    const MASK about_z = some & ~about_x & ~about_y;
+    const VEC one = (VEC){0} + (REAL)1;
+    const VEC d[3] = {SELECT(about_y | about_z, -one, one), SELECT(about_z | about_x, -one, one),
+                      SELECT(about_x | about_y, -one, one)};
+    VEC half_turned[9], found[9];
+    for (size_t k = 0; k < 9; ++k) {
+        half_turned[k] = s[k] * d[k % 3];
+    }
+    NAME(quaternion) q;
+    MASK lost = f->running | NAME(quaternion_by_root)(half_turned, f->most, &q);
+    VEC found_gain = NAME(matrix)(&q, factor, found);
+    lost &= *failed;
+    if (ANY(lost)) {
+        NAME(search_lanes)(half_turned, &lost, &q, factor, found, &found_gain);
+    }
+    for (size_t k = 0; k < 9; ++k) {
+        found[k] *= d[k % 3];
+        if (k % 4 == 0) {
+            found[k] += factor * (d[k / 4] - (REAL)1);
+            found_gain += half_turned[k] - s[k];
+        }
+        turn[k] = SELECT(*failed, found[k], turn[k]);
+    }
+    *gain = SELECT(*failed, found_gain, *gain);
 }
 
-static inline __attribute__((always_inline)) void NAME(cofactors)(const VEC s[9], VEC c[9]) {
-    c[0] = NAME(minor)(s[4], s[8], s[5], s[7]), c[1] = NAME(minor)(s[5], s[6], s[3], s[8]);
-    c[2] = NAME(minor)(s[3], s[7], s[4], s[6]), c[3] = NAME(minor)(s[2], s[7], s[1], s[8]);
-    c[4] = NAME(minor)(s[0], s[8], s[2], s[6]), c[5] = NAME(minor)(s[1], s[6], s[0], s[7]);
-    c[6] = NAME(minor)(s[1], s[5], s[2], s[4]), c[7] = NAME(minor)(s[2], s[3], s[0], s[5]);
-    c[8] = NAME(minor)(s[0], s[4], s[1], s[3]);
-}
-
-static inline __attribute__((always_inline)) VEC NAME(product)(const VEC *x, const VEC *y) {
-    return FUSED(FUSED(x[0] * y[0], x[1], y[1]), x[2], y[2]);
-}
-
-// One step of Householder's method of third order from some lanes' m to a closer one. Returns those
-// of them that have to go on.
-static inline __attribute__((always_inline)) MASK NAME(step_root)(NAME(fit) * f, MASK running) {
-    const VEC bent = f->value * FUSED(-f->squares, NAME(all)(3), f->square);
-    const VEC slope_2 = f->slope * f->slope;
-    const VEC step = f->value * FUSED(slope_2, NAME(all)((REAL)-0.5), bent);
-    const VEC change = step / FUSED(f->slope * (slope_2 - bent), f->value * f->value, f->most);
-    const MASK far = ~(change * change * f->most < (REAL)ROOT_TOLERANCE * f->slope);
-    f->most = SELECT(running, f->most - change, f->most);
-    f->square = f->most * f->most;
-    const VEC k_2 = f->square - f->squares, half = (REAL)0.5 * k_2;
-    f->slope = FUSED(-f->det_2, k_2, f->most);
-    f->value = FUSED(FUSED(-f->minors, half, half), -f->det_2, f->most);
-    return running & far;
-}
-
-static inline __attribute__((always_inline)) void NAME(begin_fit)(NAME(fit) * f) {
-    const VEC s[9] = {f->s[0], f->s[1], f->s[2], f->s[3], f->s[4],
-                      f->s[5], f->s[6], f->s[7], f->s[8]};
-    VEC c[9];
-    NAME(cofactors)(s, c);
-    const VEC xx = NAME(product)(&s[0], &s[0]), yy = NAME(product)(&s[3], &s[3]);
-    const VEC zz = NAME(product)(&s[6], &s[6]);
-    f->products[0] = xx, f->products[3] = yy, f->products[5] = zz;
-    f->products[1] = NAME(product)(&s[0], &s[3]), f->products[2] = NAME(product)(&s[0], &s[6]);
-    f->products[4] = NAME(product)(&s[3], &s[6]);
-    memcpy(f->cofactors, c, sizeof(c));
-    const VEC det = NAME(product)(&s[0], &c[0]);
-    f->squares = xx + yy + zz;
-    f->minors =
-        NAME(product)(&c[0], &c[0]) + NAME(product)(&c[3], &c[3]) + NAME(product)(&c[6], &c[6]);
-    f->det_2 = det + det;
-}
-
-// The first guess of m, exact where det S = 0.
-static inline __attribute__((always_inline)) void NAME(begin_root)(NAME(fit) * f) {
-    const VEC k = ROOT(f->minors), k_2 = k + k;
-    f->square = f->squares + k_2;
-    f->most = ROOT(f->square);
-    f->slope = FUSED(-f->det_2, k_2, f->most);
-    f->value = -f->det_2 * f->most;
-}
-
-// `factor` times R - I.
-static inline __attribute__((always_inline)) void NAME(end_fit)(NAME(fit) * f, REAL factor,
-                                                                VEC turn[9]) {
+// `factor` times R - I. Returns tr((R - I)^T S).
+static inline __attribute__((always_inline)) VEC NAME(end_fit)(NAME(fit) * f, REAL factor,
+                                                               VEC turn[9]) {
     for (size_t step = 0; ANY(f->running) && step < 6; ++step) {
-        f->running = NAME(step_root)(f, f->running);
+        const VEC most = f->most;
+        NAME(value_at_most)(f);
+        const MASK far = NAME(end_root)(f);
+        f->most = SELECT(f->running, f->most, most);
+        f->running &= far;
     }
-    const VEC share = ((REAL)2 * factor) / f->slope, share_c = share * f->most;
-    const VEC own = (REAL)0.5 * (f->squares + f->square);
-    const VEC ax = share * (own - f->products[0]), ay = share * (own - f->products[3]);
-    const VEC az = share * (own - f->products[5]);
-    const VEC axy = share * f->products[1], axz = share * f->products[2];
-    const VEC ayz = share * f->products[4];
-#define TURN(j)                                                                                    \
-    {                                                                                              \
-        const VEC x = f->s[j], y = f->s[3 + j], z = f->s[6 + j];                                   \
-        turn[j] = FUSED(FUSED(FUSED(ax * x, share_c, f->cofactors[j]), -axy, y), -axz, z);         \
-        turn[3 + j] = FUSED(FUSED(FUSED(ay * y, share_c, f->cofactors[3 + j]), -axy, x), -ayz, z); \
-        turn[6 + j] = FUSED(FUSED(FUSED(az * z, share_c, f->cofactors[6 + j]), -axz, x), -ayz, y); \
-    }
-    TURN(0)
-    TURN(1)
-    TURN(2)
-#undef TURN
-    turn[0] -= factor, turn[4] -= factor, turn[8] -= factor;
-    const MASK failed = f->running | ~(f->slope > (REAL)0.02 * (f->square * f->most)) |
-                        ~((REAL)3 * f->square > f->squares);
+    NAME(quaternion) q;
+    const MASK failed = f->running | NAME(quaternion_by_root)(f->s, f->most, &q);
+    VEC gain = NAME(matrix)(&q, factor, turn);
     if (ANY(failed)) {
-        VEC found[9]; // a copy, so that `turn` may stay in registers
+        VEC found[9], found_gain = gain; // copies, so that these may stay in registers
         memcpy(found, turn, sizeof(found));
-        NAME(search_lanes)(f->s, &failed, factor, found);
+        NAME(find_again)(f, &failed, factor, found, &found_gain);
         memcpy(turn, found, sizeof(found));
+        gain = found_gain;
     }
+    return gain;
 }
 
 // Displacements u of the vertices; `columns` is that of the data, known where this is compiled.
@@ -404,29 +470,6 @@ static inline __attribute__((always_inline)) void NAME(gather_all)(const pci_ski
     v->squares[0] = squares;
 }
 
-// Sum of squared residuals: sum s |x|^2 - 2 tr(r^T S), r = R - I. Rounding leaves
-// E = R^T R - I = r + r^T + r^T r, whose share in it is taken away: - tr(R^T S E).
-static inline __attribute__((always_inline)) VEC NAME(loss)(const VEC s[9], const VEC r[9],
-                                                            VEC squares) {
-    VEC turned = {0}, lost = {0};
-    for (size_t a = 0; a < 3; ++a) {
-        for (size_t b = a; b < 3; ++b) {
-            const VEC error =
-                FUSED(FUSED(FUSED(r[3 * a + b] + r[3 * b + a], r[a], r[b]), r[3 + a], r[3 + b]),
-                      r[6 + a], r[6 + b]);
-            const VEC product = FUSED(FUSED(r[a] * s[b], r[3 + a], s[3 + b]), r[6 + a], s[6 + b]);
-            const VEC whole = s[3 * a + b] + product;
-            lost = FUSED(lost, whole, error);
-            if (a == b) {
-                turned += product;
-            } else {
-                lost = FUSED(lost, whole, error);
-            }
-        }
-    }
-    return squares - ((turned + turned) - lost);
-}
-
 // Pulls both ends of some edges: t = s (`share` x + Q e) + Kw a is added to `own` and taken from
 // the forces. These and the displacements are given from the lane on.
 static inline __attribute__((always_inline)) void
@@ -495,29 +538,21 @@ static inline __attribute__((always_inline)) void NAME(count_reflections)(VEC de
 static inline __attribute__((always_inline)) void
 NAME(fit_rotations)(NAME(vertex) * v, size_t lane, const double scale[4], pci_skin_sums *sums) {
     for (size_t x = 0; x < 2; ++x) {
-        const VEC *s = v->fits[x].s;
-        VEC *turn = v->turns[x];
-        const REAL factor = (REAL)-scale[x];
-        NAME(end_fit)(&v->fits[x], sums != NULL ? (REAL)1 : factor, turn);
+        const VEC gain = NAME(end_fit)(&v->fits[x], (REAL)-scale[x], v->turns[x]);
         if (sums != NULL) {
-            const VEC loss = NAME(loss)(s, turn, v->squares[x]);
+            const VEC loss = v->squares[x] - (gain + gain);
             for (size_t l = 0; l < LANES; ++l) {
                 sums->losses[x][lane + l] += (double)loss[l];
-            }
-            if (x == 0) {
-                NAME(count_reflections)
-                (v->fits[0].det_2, v->constants[PCI_SKIN_RING + 6], &sums->reflections[lane]);
-            }
-            for (size_t k = 0; k < 9; ++k) {
-                turn[k] *= factor;
             }
         }
     }
     if (sums != NULL) {
-        const VEC loss = NAME(product)(v->attached, v->attached);
+        const VEC loss = NAME(dot)(v->attached, v->attached);
         for (size_t l = 0; l < LANES; ++l) {
             sums->losses[2][lane + l] += (double)loss[l];
         }
+        NAME(count_reflections)
+        (v->fits[0].det_2, v->constants[PCI_SKIN_RING + 6], &sums->reflections[lane]);
     }
 }
 
@@ -549,11 +584,28 @@ NAME(add_forces)(const pci_skin_patch *patch, const REAL *displacements, const N
     STORE(own_force + 2 * PCI_BLOCK, own[2]);
 }
 
-// Sums of four arrays over the lanes, by halves in a fixed tree.
-static inline __attribute__((always_inline)) void NAME(add_lanes)(const REAL *products, QUAD *sum) {
+// Sums of four arrays over the frames, by halves in a fixed tree.
+static inline __attribute__((always_inline)) void NAME(add_lanes)(const VEC *products, QUAD *sum) {
+#if LANES == 16 // without a way through memory
+#define HALVES(a, b, at, step)                                                                     \
+    __builtin_shufflevector(a, b, at, at + 1, at + 2, at + 3, at + step, at + step + 1,            \
+                            at + step + 2, at + step + 3, at + 16, at + 17, at + 18, at + 19,      \
+                            at + 16 + step, at + 17 + step, at + 18 + step, at + 19 + step)
+    const VEC first =
+        HALVES(products[0], products[1], 0, 4) + HALVES(products[0], products[1], 8, 4);
+    const VEC second =
+        HALVES(products[2], products[3], 0, 4) + HALVES(products[2], products[3], 8, 4);
+    const VEC fours = HALVES(first, second, 0, 8) + HALVES(first, second, 4, 8);
+#undef HALVES
+    const VEC twos = fours + __builtin_shufflevector(fours, fours, 2, 3, 0, 1, 6, 7, 4, 5, 10, 11,
+                                                     8, 9, 14, 15, 12, 13);
+    const VEC ones = twos + __builtin_shufflevector(twos, twos, 1, 0, 3, 2, 5, 4, 7, 6, 9, 8, 11,
+                                                    10, 13, 12, 15, 14);
+    *sum = __builtin_shufflevector(ones, ones, 0, 4, 8, 12);
+#else
     QUAD sums[4];
     for (size_t k = 0; k < 4; ++k) {
-        const QUAD *p = (const QUAD *)(const void *)&products[k * PCI_BLOCK];
+        const QUAD *p = (const QUAD *)(const void *)&products[k * PCI_BLOCK / LANES];
         sums[k] = (p[0] + p[2]) + (p[1] + p[3]);
     }
     const QUAD low = __builtin_shufflevector(sums[0], sums[1], 0, 4, 1, 5);
@@ -563,6 +615,7 @@ static inline __attribute__((always_inline)) void NAME(add_lanes)(const REAL *pr
     const QUAD first = low + low_half, second = high + high_half;
     *sum = __builtin_shufflevector(first, second, 0, 1, 4, 5) +
            __builtin_shufflevector(first, second, 2, 3, 6, 7);
+#endif
 }
 
 // One coordinate of what a bone does to a point.
@@ -575,34 +628,46 @@ static inline __attribute__((always_inline)) VEC NAME(apply)(const REAL *d, cons
     return moved;
 }
 
-// dL/dw_ij = sum over frames of dL/du . A_j x_i.
+// dL/dw_ij = sum over frames of dL/du . A_j x_i for some bones; `count`, at most 4, and `columns`
+// known where this is compiled.
+static inline __attribute__((always_inline)) void
+NAME(collect_bones)(const REAL *driver, const size_t columns, const REAL *point,
+                    const uint32_t *bones, const size_t count, const REAL *g, REAL *gradient) {
+    VEC products[4 * PCI_BLOCK / LANES] = {{0}};
+    for (size_t k = 0; k < count; ++k) {
+        const REAL *d = &driver[3 * PCI_BLOCK * columns * bones[k]];
+        for (size_t lane = 0; lane < PCI_BLOCK; lane += LANES) {
+            const VEC x = NAME(apply)(d + lane, point, columns);
+            const VEC y = NAME(apply)(d + lane + PCI_BLOCK, point, columns);
+            const VEC z = NAME(apply)(d + lane + 2 * PCI_BLOCK, point, columns);
+            const VEC gx = LOAD(&g[lane]), gy = LOAD(&g[PCI_BLOCK + lane]);
+            const VEC gz = LOAD(&g[2 * PCI_BLOCK + lane]);
+            products[(k * PCI_BLOCK + lane) / LANES] = FUSED(FUSED(gx * x, gy, y), gz, z);
+        }
+    }
+    QUAD sums;
+    NAME(add_lanes)(products, &sums);
+    QUAD row = {0};
+    memcpy(&row, gradient, count * sizeof(*gradient));
+    row += sums + sums;
+    memcpy(gradient, &row, count * sizeof(*gradient));
+}
+
 static inline __attribute__((always_inline)) void
 NAME(collect)(const pci_skin_data *data, const pci_skin_patch *patch, const REAL *driver,
               const size_t columns, const REAL *forces, REAL *gradient) {
-    REAL products[4 * PCI_BLOCK] __attribute__((aligned(64))) = {0};
     const REAL *points = data->points;
     for (size_t v = 0; v < patch->local_count; ++v) {
         const uint32_t *bones = &data->bones[(size_t)patch->vertices[v] * data->slots];
         const REAL *point = &points[(size_t)patch->vertices[v] * columns];
         const REAL *g = &forces[3 * PCI_BLOCK * v];
-        for (size_t first = 0; first < data->slots; first += 4) {
-            const size_t count = data->slots - first < 4 ? data->slots - first : 4;
-            for (size_t lane = 0; lane < PCI_BLOCK; lane += LANES) {
-                const VEC gx = LOAD(&g[lane]), gy = LOAD(&g[PCI_BLOCK + lane]);
-                const VEC gz = LOAD(&g[2 * PCI_BLOCK + lane]);
-                for (size_t k = 0; k < count; ++k) {
-                    const REAL *d = &driver[3 * PCI_BLOCK * columns * bones[first + k] + lane];
-                    const VEC x = NAME(apply)(d, point, columns);
-                    const VEC y = NAME(apply)(d + PCI_BLOCK, point, columns);
-                    const VEC z = NAME(apply)(d + 2 * PCI_BLOCK, point, columns);
-                    STORE(&products[k * PCI_BLOCK + lane], FUSED(FUSED(gx * x, gy, y), gz, z));
-                }
-            }
-            QUAD sums;
-            NAME(add_lanes)(products, &sums);
-            for (size_t k = 0; k < count; ++k) {
-                gradient[v * data->slots + first + k] += (REAL)2 * sums[k];
-            }
+        REAL *row = &gradient[v * data->slots];
+        size_t k = 0;
+        for (; k + 4 <= data->slots; k += 4) {
+            NAME(collect_bones)(driver, columns, point, &bones[k], 4, g, &row[k]);
+        }
+        for (; k < data->slots; ++k) {
+            NAME(collect_bones)(driver, columns, point, &bones[k], 1, g, &row[k]);
         }
     }
 }
@@ -630,16 +695,12 @@ NAME(evaluate_batch)(const pci_skin_data *data, const pci_skin_patch *patch, siz
         NAME(begin_fit)(&v->fits[0]);
         NAME(begin_fit)(&v->fits[1]);
     }
-    // Hardly any lane needs more than two steps.
-    const MASK all = (MASK){0} == 0;
     for (size_t k = 0; k < 2 * (end - begin); ++k) {
-        NAME(begin_root)(&batch[k / 2].fits[k % 2]);
+        NAME(step_root)(&batch[k / 2].fits[k % 2]);
     }
+    // Few lanes need more.
     for (size_t k = 0; k < 2 * (end - begin); ++k) {
-        (void)NAME(step_root)(&batch[k / 2].fits[k % 2], all);
-    }
-    for (size_t k = 0; k < 2 * (end - begin); ++k) {
-        batch[k / 2].fits[k % 2].running = NAME(step_root)(&batch[k / 2].fits[k % 2], all);
+        batch[k / 2].fits[k % 2].running = NAME(end_root)(&batch[k / 2].fits[k % 2]);
     }
     for (size_t i = 0; i < end - begin; ++i) {
         NAME(fit_rotations)(&batch[i], lane, data->scale, sums);

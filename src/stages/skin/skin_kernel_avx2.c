@@ -30,5 +30,5 @@
 #define LENGTH_TOLERANCE    1e-40
 #define STEP_TOLERANCE      1e-18
 #define CURVATURE_TOLERANCE 1e-13
-#define ROOT_TOLERANCE      1e-11
+#define ROOT_TOLERANCE      1e-13
 #include "stages/skin/skin_kernel.inl"

@@ -93,9 +93,13 @@ typedef struct search {
     uint32_t excluded;
     double bound;      // squared distance that still counts
     bool any;          // the first one that counts ends the search
-    uint32_t *indices; // sorted by (squared distance, index)
+    uint32_t *indices; // sorted by (squared distance, index or rank)
     double *squared_distances;
 } search;
+
+static bool wins_tie(const pci_knn *knn, uint32_t a, uint32_t b) {
+    return knn->ranks != NULL ? knn->ranks[a] < knn->ranks[b] : a < b;
+}
 
 static void offer(search *s, uint32_t candidate) {
     if (candidate == s->excluded) {
@@ -106,9 +110,9 @@ static void offer(search *s, uint32_t candidate) {
         return;
     }
     size_t at = s->found;
-    while (at > 0 &&
-           (distance < s->squared_distances[at - 1] ||
-            (distance == s->squared_distances[at - 1] && candidate < s->indices[at - 1]))) {
+    while (at > 0 && (distance < s->squared_distances[at - 1] ||
+                      (distance == s->squared_distances[at - 1] &&
+                       wins_tie(s->knn, candidate, s->indices[at - 1])))) {
         --at;
     }
     if (at == s->wanted) {

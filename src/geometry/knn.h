@@ -1,4 +1,5 @@
-// Exact k nearest neighbours among points, by a balanced kd-tree. Ties go to the smaller index.
+// Exact k nearest neighbours among points, by a balanced kd-tree. Ties go to the smaller index, or
+// to the smaller rank.
 #ifndef PCI_KNN_H
 #define PCI_KNN_H
 
@@ -6,9 +7,10 @@
 
 typedef struct pci_knn {
     size_t point_count;
-    const double *points; // #P by 3, the caller's
-    uint32_t *order;      // the middle of each range is its root, the smaller side comes first
-    uint8_t *axes;        // splitting axis of the root at this place
+    const double *points;  // #P by 3, the caller's
+    uint32_t *order;       // the middle of each range is its root, the smaller side comes first
+    uint8_t *axes;         // splitting axis of the root at this place
+    const uint32_t *ranks; // #P, the caller's, or NULL
 } pci_knn;
 
 // The points must be finite and stay alive and unchanged. False: out of memory.

@@ -48,13 +48,15 @@ bool pci_sort_points(pci_scratch *scratch, size_t count, const double *positions
 
 bool pci_sort_mesh(pci_scratch *scratch, const pc_mesh *mesh, pc_mesh *result, uint32_t **order) {
     const size_t nv = mesh->vertex_count, nf = mesh->triangle_count;
-    uint64_t *keys = PCI_SCRATCH(scratch, uint64_t, nf);
-    uint32_t *number = PCI_SCRATCH(scratch, uint32_t, nv);
+    pci_scratch local = pci_scratch_begin(scratch->context);
+    uint64_t *keys = PCI_SCRATCH(&local, uint64_t, nf);
+    uint32_t *number = PCI_SCRATCH(&local, uint32_t, nv);
     result->vertex_count = nv;
     result->triangle_count = nf;
     result->positions = PCI_SCRATCH(scratch, double, 3 * nv);
     result->triangles = PCI_SCRATCH(scratch, uint32_t, 3 * nf);
-    if (scratch->failed || !pci_sort_points(scratch, nv, mesh->positions, order)) {
+    if (scratch->failed || local.failed || !pci_sort_points(scratch, nv, mesh->positions, order)) {
+        pci_scratch_end(&local);
         return false;
     }
     for (size_t i = 0; i < nv; ++i) {
@@ -73,5 +75,6 @@ bool pci_sort_mesh(pci_scratch *scratch, const pc_mesh *mesh, pc_mesh *result, u
             result->triangles[3 * i + c] = number[mesh->triangles[3 * t + c]];
         }
     }
+    pci_scratch_end(&local);
     return true;
 }

@@ -319,6 +319,33 @@ static bool other_kind(pci_asset_file *file, const char *what) {
     return false;
 }
 
+// HDF5 reads the image where it is, instead of copying it twice.
+static void *image_lend(size_t size, H5FD_file_image_op_t operation, void *user) {
+    (void)size;
+    (void)operation;
+    return user;
+}
+static void *image_keep(void *target, const void *source, size_t size,
+                        H5FD_file_image_op_t operation, void *user) {
+    (void)source;
+    (void)size;
+    (void)operation;
+    (void)user;
+    return target;
+}
+static herr_t image_leave(void *memory, H5FD_file_image_op_t operation, void *user) {
+    (void)memory;
+    (void)operation;
+    (void)user;
+    return 0;
+}
+static void *image_share_user(void *user) { return user; }
+static herr_t image_forget_user(void *user) {
+    (void)user;
+    return 0;
+}
+
+// The image has to stay until the file is closed.
 static bool open_file(pci_asset_file *file, unsigned char *image) {
     static const unsigned char signature[] = {0x89, 'H', 'D', 'F', '\r', '\n', 0x1a, '\n'};
     if (file->image_size < 48 + PCI_SEAL_SIZE || memcmp(image, signature, sizeof(signature)) != 0) {
@@ -336,8 +363,11 @@ static bool open_file(pci_asset_file *file, unsigned char *image) {
         return pci_asset_damaged(file, "its checksum", "is wrong");
     }
     char name[32];
+    H5FD_file_image_callbacks_t callbacks = {image_lend,       image_keep,        NULL, image_leave,
+                                             image_share_user, image_forget_user, image};
     const hid_t access = pci_asset_memory_file_access(file, name);
-    if (access >= 0 && H5Pset_file_image(access, image, file->image_size) >= 0) {
+    if (access >= 0 && H5Pset_file_image_callbacks(access, &callbacks) >= 0 &&
+        H5Pset_file_image(access, image, file->image_size) >= 0) {
         file->id = H5Fopen(name, H5F_ACC_RDONLY, access);
     }
     const bool good = file->id >= 0 || pci_asset_hdf5_failed(file, "/");
@@ -410,11 +440,11 @@ pc_status pc_asset_load(pc_context *context, const char *path, pc_asset *asset) 
     }
     pci_asset_silence_hdf5(&file);
     const bool opened = open_file(&file, image);
-    pc_release(context, image);
     if (!opened || !read_asset(&file, asset)) {
         pc_asset_free(context, asset);
     }
     H5Fclose(file.id);
     pci_asset_restore_hdf5(&file);
+    pc_release(context, image);
     return file.status;
 }

@@ -253,19 +253,37 @@ static uint64_t end_of_file(const unsigned char *bytes) {
     return end;
 }
 
+typedef struct image_job {
+    const unsigned char *bytes;
+    size_t size;
+    unsigned char seal[PCI_SEAL_SIZE];
+    FILE *stream;
+} image_job;
+
+// Hashing and writing take about as long.
+static void seal_or_write(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    image_job *job = user;
+    if (begin == 0) {
+        pci_asset_make_seal(job->bytes, job->size, job->seal);
+    }
+    if (end == 2) {
+        fwrite(job->bytes, 1, job->size, job->stream);
+    }
+}
+
 static void write_image(pci_asset_file *file, const closed_image *image) {
     if (image->bytes == NULL) {
         file->status = pci_fail_memory(file->context, STAGE);
         return;
     }
-    const size_t size = end_of_file(image->bytes);
-    unsigned char seal[PCI_SEAL_SIZE];
-    pci_asset_make_seal(image->bytes, size, seal);
     pci_atomic_file output = {0};
     file->status = pci_atomic_begin(file->context, STAGE, file->path, &output);
     if (file->status == PC_OK) {
-        fwrite(image->bytes, 1, size, output.stream);
-        fwrite(seal, 1, sizeof(seal), output.stream);
+        image_job job = {
+            .bytes = image->bytes, .size = end_of_file(image->bytes), .stream = output.stream};
+        pci_parallel_for(file->context, 2, 1, seal_or_write, &job);
+        fwrite(job.seal, 1, sizeof(job.seal), output.stream);
         file->status = pci_atomic_end(&output, PC_OK);
     }
 }

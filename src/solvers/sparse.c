@@ -21,7 +21,6 @@ struct pci_cholesky {
     uint32_t *rows; // ascending per block
     size_t *value_offsets;
     double *values;
-    size_t most_rows;
 };
 
 // What the factorisation needs besides the result.
@@ -157,7 +156,6 @@ static void find_rows(pci_cholesky *c, workspace *work) {
         qsort(rows, count, sizeof(*rows), compare_u32);
         c->row_offsets[b + 1] = c->row_offsets[b] + count;
         c->value_offsets[b + 1] = c->value_offsets[b] + count * (end - begin);
-        c->most_rows = count > c->most_rows ? count : c->most_rows;
         if (count > end - begin) {
             const uint32_t up = work->block_of[rows[end - begin]];
             work->next[b] = work->head[up];
@@ -397,113 +395,134 @@ void pci_cholesky_destroy(pc_context *context, pci_cholesky *cholesky) {
     }
 }
 
-// Dot product in four interleaved sums, which the compiler can keep in vector registers.
-static double dot(const double *a, const double *b, size_t count) {
-    double sum[4] = {0.0};
-    size_t i = 0;
-    for (; i + 4 <= count; i += 4) {
-        for (size_t k = 0; k < 4; ++k) {
-            sum[k] += a[i + k] * b[i + k];
-        }
-    }
-    for (; i < count; ++i) {
-        sum[0] += a[i] * b[i];
-    }
-    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
-}
+enum {
+    TOGETHER = PCI_CHOLESKY_TOGETHER,
+    LANES = 4
+}; // right-hand sides that share a pass over the factor; registers
 
-// L y = x, then L^T x = y, block by block; x is one array of #size per right-hand side. The rows of
-// a block are gathered into `local`, #rows per right-hand side.
-static void solve_lower(const pci_cholesky *c, size_t columns, double *x, double *local) {
+// L y = x, block by block; x is row-major, #size by `count` right-hand sides, a number that is
+// known where this is compiled. Blocks whose part of x is 0 have nothing to say.
+static inline __attribute__((always_inline)) void solve_lower(const pci_cholesky *c,
+                                                              const size_t count, double *x) {
     for (size_t b = 0; b < c->block_count; ++b) {
         const uint32_t *rows = &c->rows[c->row_offsets[b]];
         const size_t height = c->row_offsets[b + 1] - c->row_offsets[b];
         const size_t width = c->first[b + 1] - c->first[b];
         const double *block = &c->values[c->value_offsets[b]];
-        for (size_t q = 0; q < columns; ++q) {
-            for (size_t i = 0; i < height; ++i) {
-                local[q * height + i] = x[q * c->size + rows[i]];
-            }
+        double *own = &x[c->first[b] * count];
+        bool empty = true;
+        for (size_t i = 0; i < width * count && empty; ++i) {
+            empty = own[i] == 0.0;
         }
-        for (size_t k = 0; k < width; ++k) {
-            const double *column = block + k * height;
-            for (size_t q = 0; q < columns; ++q) {
-                double *to = local + q * height;
-                const double value = to[k] / column[k];
-                to[k] = value;
-                for (size_t i = k + 1; i < height; ++i) {
-                    to[i] -= column[i] * value;
+        for (size_t i = 0; i < height && !empty; ++i) {
+            double *to = &x[rows[i] * count], sum[TOGETHER];
+            memcpy(sum, to, count * sizeof(*sum));
+            for (size_t k = 0; k < width && k < i; ++k) {
+                for (size_t q = 0; q < count; ++q) {
+                    sum[q] -= block[k * height + i] * own[k * count + q];
                 }
             }
-        }
-        for (size_t q = 0; q < columns; ++q) {
-            for (size_t i = 0; i < height; ++i) {
-                x[q * c->size + rows[i]] = local[q * height + i];
+            for (size_t q = 0; q < count && i < width; ++q) {
+                sum[q] /= block[i * height + i];
             }
+            memcpy(to, sum, count * sizeof(*sum));
         }
     }
 }
 
-static void solve_upper(const pci_cholesky *c, size_t columns, double *x, double *local) {
+// Dot products of the part of a column from row `begin` on with some of `count` right-hand sides,
+// in interleaved sums that fit into registers.
+static inline __attribute__((always_inline)) void
+dot_column(const double *column, const uint32_t *rows, size_t begin, size_t end, const size_t count,
+           const size_t taken, const double *x, double *dot) {
+    enum { SUMS = 4 };
+    double sum[SUMS][LANES] = {{0.0}};
+    size_t i = begin;
+    for (; i + SUMS <= end; i += SUMS) {
+        for (size_t s = 0; s < SUMS; ++s) {
+            for (size_t q = 0; q < taken; ++q) {
+                sum[s][q] += column[i + s] * x[rows[i + s] * count + q];
+            }
+        }
+    }
+    for (; i < end; ++i) {
+        for (size_t q = 0; q < taken; ++q) {
+            sum[0][q] += column[i] * x[rows[i] * count + q];
+        }
+    }
+    for (size_t q = 0; q < taken; ++q) {
+        dot[q] = (sum[0][q] + sum[1][q]) + (sum[2][q] + sum[3][q]);
+    }
+}
+
+// L^T x = y likewise.
+static inline __attribute__((always_inline)) void solve_upper(const pci_cholesky *c,
+                                                              const size_t count, double *x) {
     for (size_t b = c->block_count; b-- > 0;) {
         const uint32_t *rows = &c->rows[c->row_offsets[b]];
         const size_t height = c->row_offsets[b + 1] - c->row_offsets[b];
-        const size_t width = c->first[b + 1] - c->first[b];
-        const double *block = &c->values[c->value_offsets[b]];
-        for (size_t q = 0; q < columns; ++q) {
-            for (size_t i = 0; i < height; ++i) {
-                local[q * height + i] = x[q * c->size + rows[i]];
+        for (size_t k = c->first[b + 1] - c->first[b]; k-- > 0;) {
+            const double *column = &c->values[c->value_offsets[b] + k * height];
+            double dot[TOGETHER], *to = &x[rows[k] * count];
+            size_t q = 0;
+            for (; q + LANES <= count; q += LANES) {
+                dot_column(column, rows, k + 1, height, count, LANES, &x[q], &dot[q]);
             }
-        }
-        for (size_t k = width; k-- > 0;) {
-            const double *column = block + k * height;
-            for (size_t q = 0; q < columns; ++q) {
-                double *to = local + q * height;
-                to[k] = (to[k] - dot(column + k + 1, to + k + 1, height - k - 1)) / column[k];
-                x[q * c->size + rows[k]] = to[k];
+            if (q < count) {
+                dot_column(column, rows, k + 1, height, count, count - q, &x[q], &dot[q]);
+            }
+            for (q = 0; q < count; ++q) {
+                to[q] = (to[q] - dot[q]) / column[k];
             }
         }
     }
 }
 
-enum { TOGETHER = 8 }; // right-hand sides that share a pass over the factor
+const uint32_t *pci_cholesky_order(const pci_cholesky *cholesky) { return cholesky->order; }
+
+void pci_cholesky_solve_ordered(const pci_cholesky *cholesky, double *x) {
+    solve_lower(cholesky, TOGETHER, x);
+    solve_upper(cholesky, TOGETHER, x);
+}
 
 typedef struct solve_job {
     const pci_cholesky *cholesky;
-    double *x;     // one array of #size per right-hand side
-    double *local; // most_rows per right-hand side
+    size_t columns;
+    const double *b; // #size by columns
+    double *x;       // likewise
+    double *ordered; // #size by the right-hand sides of a piece, piece by piece
 } solve_job;
 
 static void solve_columns(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const solve_job *job = user;
     const pci_cholesky *c = job->cholesky;
-    solve_lower(c, end - begin, &job->x[c->size * begin], &job->local[c->most_rows * begin]);
-    solve_upper(c, end - begin, &job->x[c->size * begin], &job->local[c->most_rows * begin]);
+    const size_t count = end - begin;
+    double *x = &job->ordered[c->size * begin];
+    for (size_t k = 0; k < c->size; ++k) {
+        memcpy(&x[k * count], &job->b[c->order[k] * job->columns + begin], count * sizeof(*x));
+    }
+    if (count == TOGETHER) {
+        pci_cholesky_solve_ordered(c, x);
+    } else {
+        solve_lower(c, count, x);
+        solve_upper(c, count, x);
+    }
+    for (size_t k = 0; k < c->size; ++k) {
+        memcpy(&job->x[c->order[k] * job->columns + begin], &x[k * count], count * sizeof(*x));
+    }
 }
 
 pc_status pci_cholesky_solve(pc_context *context, const pci_cholesky *cholesky, size_t columns,
                              const double *b, double *x) {
-    const size_t n = cholesky->size;
     pci_scratch scratch = pci_scratch_begin(context);
-    double *permuted = PCI_SCRATCH(&scratch, double, n *columns);
-    double *local = PCI_SCRATCH(&scratch, double, cholesky->most_rows *columns);
+    double *ordered = PCI_SCRATCH(&scratch, double, cholesky->size *columns);
     if (scratch.failed) {
         pci_scratch_end(&scratch);
         return pci_fail_memory(context, "sparse");
     }
-    for (size_t k = 0; k < n; ++k) {
-        for (size_t q = 0; q < columns; ++q) {
-            permuted[q * n + k] = b[cholesky->order[k] * columns + q];
-        }
-    }
-    solve_job job = {.cholesky = cholesky, .x = permuted, .local = local};
+    solve_job job = {.cholesky = cholesky, .columns = columns, .b = b, .x = x, .ordered = ordered};
     pci_parallel_for(context, columns, TOGETHER, solve_columns, &job);
-    for (size_t k = 0; k < n; ++k) {
-        for (size_t q = 0; q < columns; ++q) {
-            x[cholesky->order[k] * columns + q] = permuted[q * n + k];
-        }
-    }
     pci_scratch_end(&scratch);
     return PC_OK;
 }

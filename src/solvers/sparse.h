@@ -17,6 +17,14 @@ PC_NODISCARD pc_status pci_cholesky_create(pc_context *context, const char *stag
 // equal.
 PC_NODISCARD pc_status pci_cholesky_solve(pc_context *context, const pci_cholesky *cholesky,
                                           size_t columns, const double *b, double *x);
+
+enum { PCI_CHOLESKY_TOGETHER = 8 }; // right-hand sides that share a pass over the factor
+// The unknown that stands at each place where pci_cholesky_solve_ordered has it.
+const uint32_t *pci_cholesky_order(const pci_cholesky *cholesky);
+// Solves for PCI_CHOLESKY_TOGETHER right-hand sides in place, on the calling thread and without
+// memory; x is row-major, #size by these.
+void pci_cholesky_solve_ordered(const pci_cholesky *cholesky, double *x);
+
 void pci_cholesky_destroy(pc_context *context, pci_cholesky *cholesky); // NULL is accepted
 
 #endif

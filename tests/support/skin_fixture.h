@@ -62,7 +62,7 @@ static inline void load_fixture(const char *name, uint32_t threads, fixture *f) 
     free(bones);
     pci_skin_problem *p = &f->problem;
     const uint32_t neighbours = (uint32_t)expected_number(f, "kK");
-    assert_true(pci_skin_problem_build(&f->scratch, &f->visual, neighbours, p));
+    assert_true(pci_skin_problem_build(&f->scratch, &f->visual, NULL, neighbours, p));
     p->slots = (uint32_t)(f->count / f->visual.vertex_count);
     p->bones = f->bones;
     p->proxy_count = f->proxy.vertex_count;

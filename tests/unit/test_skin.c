@@ -362,6 +362,44 @@ static void vertices_close_by_are_joined(void **state) {
     pc_context_destroy(context);
 }
 
+// Whatever the numbers of the vertices were, they stand in the same order.
+static void vertices_are_sorted(void **state) {
+    (void)state;
+    fixture f;
+    load_fixture("dress796", 1, &f);
+    const size_t nv = f.visual.vertex_count, corners = 3 * f.visual.triangle_count;
+    double *positions = calloc(3 * nv, sizeof(*positions));
+    uint32_t *triangles = calloc(corners, sizeof(*triangles));
+    for (size_t v = 0; v < nv; ++v) {
+        memcpy(&positions[3 * (7 * v % nv)], &f.visual.positions[3 * v], 3 * sizeof(*positions));
+    }
+    for (size_t k = 0; k < corners; ++k) {
+        triangles[k] = (uint32_t)(7 * f.visual.triangles[k] % nv);
+    }
+    const pc_mesh shuffled = {nv, positions, f.visual.triangle_count, triangles};
+    const pc_mesh *meshes[2] = {&f.visual, &shuffled};
+    pci_scratch scratch = pci_scratch_begin(f.context);
+    pc_mesh sorted[2];
+    const uint32_t *rows[2], *ranks[2];
+    for (size_t m = 0; m < 2; ++m) {
+        assert_true(pci_skin_sort(&scratch, meshes[m], &sorted[m], &rows[m], &ranks[m]));
+        assert_int_equal(sorted[m].vertex_count, nv); // no edge is short
+        for (size_t v = 0; v < nv; ++v) {
+            assert_int_equal(ranks[m][rows[m][v]], v);
+            assert_memory_equal(&sorted[m].positions[3 * (size_t)rows[m][v]],
+                                &meshes[m]->positions[3 * v], 3 * sizeof(*positions));
+        }
+    }
+    assert_memory_equal(sorted[0].positions, sorted[1].positions, 3 * nv * sizeof(*positions));
+    for (size_t v = 0; v < nv; ++v) {
+        assert_int_equal(rows[0][v], rows[1][7 * v % nv]);
+    }
+    pci_scratch_end(&scratch);
+    free(positions);
+    free(triangles);
+    free_fixture(&f);
+}
+
 // What lies between two vertices that almost coincide is not stretched.
 static void vertices_close_by_move_as_one(void **state) {
     (void)state;
@@ -504,6 +542,7 @@ int main(void) {
         cmocka_unit_test(deforms_like_the_fixture),
         cmocka_unit_test(accepts_degenerate_input),
         cmocka_unit_test(vertices_close_by_are_joined),
+        cmocka_unit_test(vertices_are_sorted),
         cmocka_unit_test(vertices_close_by_move_as_one),
         cmocka_unit_test(errors_leave_nothing),
         cmocka_unit_test(survives_failing_memory),

@@ -188,21 +188,27 @@ static void nearest_neighbours_match_brute_force(void **state) {
         }
         pci_knn knn;
         assert_true(pci_knn_build(&scratch, POINTS, points, &knn));
+        uint32_t ranks[POINTS];
+        for (uint32_t i = 0; i < POINTS; ++i) {
+            ranks[i] = seed == 1 ? POINTS - 1 - i : i;
+        }
+        knn.ranks = seed == 0 ? NULL : ranks;
         for (uint32_t q = 0; q < POINTS; ++q) {
             uint32_t found[WANTED];
             double squared[WANTED], last = -1.0;
             const uint32_t excluded = q % 2 == 0 ? q : PC_INVALID_INDEX;
             assert_int_equal(pci_knn_query(&knn, &points[3 * q], WANTED, excluded, found, squared),
                              WANTED);
-            // Selection by (distance, index), one after the other.
+            // Selection by (distance, rank), one after the other.
             uint32_t before = PC_INVALID_INDEX;
             for (size_t rank = 0; rank < WANTED; ++rank) {
                 uint32_t best = PC_INVALID_INDEX;
                 double best_distance = INFINITY;
-                for (uint32_t i = 0; i < POINTS; ++i) {
+                for (uint32_t r = 0; r < POINTS; ++r) {
+                    const uint32_t i = seed == 1 ? POINTS - 1 - r : r;
                     const double d = pci_squared_distance(&points[3 * q], &points[3 * i]);
                     const bool later =
-                        d > last || (d == last && before != PC_INVALID_INDEX && i > before);
+                        d > last || (d == last && before != PC_INVALID_INDEX && r > before);
                     if (i != excluded && later && d < best_distance) {
                         best = i;
                         best_distance = d;
@@ -211,7 +217,7 @@ static void nearest_neighbours_match_brute_force(void **state) {
                 assert_int_equal(found[rank], best);
                 assert_close(squared[rank], best_distance, 0.0);
                 last = best_distance;
-                before = best;
+                before = ranks[best];
             }
             // The first of them is found within any radius that reaches it, and none within less.
             if (excluded == PC_INVALID_INDEX) {

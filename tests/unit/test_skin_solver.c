@@ -775,7 +775,7 @@ static void changes_are_prolonged(void **state) {
     assert_true(pci_skin_coarsen(&s.f.scratch, fine, &coarse));
     double *change = calloc(coarse.problem.vertex_count * slots, sizeof(double));
     memcpy(w, s.f.weights, s.f.count * sizeof(double));
-    pci_skin_prolong(&s.gram, fine, &coarse, change, w);
+    assert_true(pci_skin_prolong(&s.f.scratch, &s.gram, fine, &coarse, change, w));
     for (size_t i = 0; i < s.f.count; ++i) {
         assert_close(w[i], s.f.weights[i], 1e-12);
     }
@@ -784,7 +784,7 @@ static void changes_are_prolonged(void **state) {
         change[c * slots + 1] = -0.2;
     }
     size_t moved = 0;
-    pci_skin_prolong(&s.gram, fine, &coarse, change, w);
+    assert_true(pci_skin_prolong(&s.f.scratch, &s.gram, fine, &coarse, change, w));
     for (size_t v = 0; v < nv; ++v) {
         const double *row = &w[v * slots], *before = &s.f.weights[v * slots];
         double sum = 0.0;

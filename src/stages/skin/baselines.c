@@ -7,7 +7,7 @@
 
 static const char stage[] = "baselines";
 
-enum { LARGEST_INFLUENCES = 32, COLUMNS = 16 }; // proxy vertices whose heat flows at a time
+enum { LARGEST_INFLUENCES = 32, PIECES = 4, COLUMNS = PCI_CHOLESKY_TOGETHER };
 
 static pc_status check(pc_context *context, const pc_mesh *surface, const pc_mesh *proxy,
                        uint32_t influences, const pc_skin *skin) {
@@ -232,24 +232,37 @@ static pc_status factorise_heat(pc_context *context, const pc_mesh *surface, dou
     return status;
 }
 
-// `COLUMNS` proxy vertices whose heat flows.
+// PIECES times COLUMNS proxy vertices whose heat flows.
 typedef struct flow_job {
+    const pci_cholesky *cholesky;
     const pc_skin *closest;
     const double *masses;
     size_t first;    // of the proxy vertices
-    double *columns; // #V by COLUMNS
+    double *columns; // of each piece #V by COLUMNS, in the order of the factor
     pc_skin *skin;
 } flow_job;
 
-static void fill_heat(void *user, size_t begin, size_t end, uint32_t worker) {
+static double *piece_columns(const flow_job *job, size_t piece) {
+    return &job->columns[piece * job->skin->vertex_count * COLUMNS];
+}
+
+static void flow_pieces(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const flow_job *job = user;
-    memset(&job->columns[begin * COLUMNS], 0, (end - begin) * COLUMNS * sizeof(*job->columns));
-    for (size_t i = 3 * begin; i < 3 * end; ++i) {
-        const size_t column = job->closest->bones[i] - job->first; // large where it is below
-        if (column < COLUMNS) {
-            job->columns[i / 3 * COLUMNS + column] += job->masses[i / 3] * job->closest->weights[i];
+    const size_t nv = job->skin->vertex_count;
+    const uint32_t *order = pci_cholesky_order(job->cholesky);
+    for (size_t piece = begin; piece < end; ++piece) {
+        const size_t first = job->first + piece * COLUMNS;
+        double *x = piece_columns(job, piece);
+        memset(x, 0, nv * COLUMNS * sizeof(*x));
+        for (size_t i = 0; i < 3 * nv; ++i) {
+            const size_t v = order[i / 3], at = 3 * v + i % 3;
+            const size_t column = job->closest->bones[at] - first; // large where it is below
+            if (column < COLUMNS) {
+                x[i / 3 * COLUMNS + column] += job->masses[v] * job->closest->weights[at];
+            }
         }
+        pci_cholesky_solve_ordered(job->cholesky, x);
     }
 }
 
@@ -257,31 +270,34 @@ static void keep_largest(void *user, size_t begin, size_t end, uint32_t worker) 
     (void)worker;
     const flow_job *job = user;
     const uint32_t slots = job->skin->influences;
-    for (size_t i = begin * COLUMNS; i < end * COLUMNS; ++i) {
-        if (job->columns[i] > 0.0) {
-            const size_t row = i / COLUMNS * slots;
-            insert(&job->skin->bones[row], &job->skin->weights[row], slots,
-                   (uint32_t)(job->first + i % COLUMNS), job->columns[i]);
+    const uint32_t *order = pci_cholesky_order(job->cholesky);
+    for (size_t i = begin; i < end; ++i) {
+        const size_t row = (size_t)order[i] * slots;
+        for (size_t c = 0; c < (size_t)PIECES * COLUMNS; ++c) {
+            const double weight = piece_columns(job, c / COLUMNS)[i * COLUMNS + c % COLUMNS];
+            if (weight > 0.0) {
+                insert(&job->skin->bones[row], &job->skin->weights[row], slots,
+                       (uint32_t)(job->first + c), weight);
+            }
         }
     }
 }
 
-// Lets the weights of `COLUMNS` proxy vertices flow at a time and keeps the largest of each row.
+// Lets the weights of some proxy vertices flow at a time and keeps the largest of each row.
 static pc_status flow(pc_context *context, const pci_cholesky *cholesky, const double *masses,
                       const pc_skin *closest, size_t proxy_count, pc_skin *skin) {
-    const size_t nv = skin->vertex_count;
-    flow_job job = {.closest = closest,
+    const size_t nv = skin->vertex_count, step = (size_t)PIECES * COLUMNS;
+    flow_job job = {.cholesky = cholesky,
+                    .closest = closest,
                     .masses = masses,
-                    .columns = PCI_ALLOCATE(context, double, nv *COLUMNS),
+                    .columns = PCI_ALLOCATE(context, double, nv *step),
                     .skin = skin};
     pc_status status = job.columns == NULL ? pci_fail_memory(context, stage) : PC_OK;
-    for (; job.first < proxy_count && status == PC_OK; job.first += COLUMNS) {
-        pci_parallel_for(context, nv, 256, fill_heat, &job);
-        status = pci_progress(context, stage, (double)job.first / (double)proxy_count)
-                     ? pci_cholesky_solve(context, cholesky, COLUMNS, job.columns, job.columns)
-                     : pci_fail_cancelled(context, stage);
-        if (status == PC_OK) {
-            pci_parallel_for(context, nv, 256, keep_largest, &job);
+    for (; job.first < proxy_count && status == PC_OK; job.first += step) {
+        pci_parallel_for(context, PIECES, 1, flow_pieces, &job);
+        pci_parallel_for(context, nv, 256, keep_largest, &job);
+        if (!pci_progress(context, stage, (double)job.first / (double)proxy_count)) {
+            status = pci_fail_cancelled(context, stage);
         }
     }
     pc_release(context, job.columns);

@@ -207,7 +207,8 @@ static pc_status prepare(pci_scratch *scratch, const pc_mesh *surface, const pc_
     // Only now: smoothing needs as much memory as all that follows.
     f->bones = PCI_SCRATCH(scratch, uint32_t, nv * slots);
     f->weights = PCI_SCRATCH(scratch, double, nv *slots);
-    if (scratch->failed || !pci_skin_problem_build(scratch, surface, o->neighbours, &f->problem)) {
+    if (scratch->failed ||
+        !pci_skin_problem_build(scratch, surface, f->ranks, o->neighbours, &f->problem)) {
         return pci_fail_memory(f->context, stage);
     }
     memcpy(f->paper_norms, f->problem.norms, sizeof(f->paper_norms));
@@ -234,7 +235,7 @@ static pc_status prepare(pci_scratch *scratch, const pc_mesh *surface, const pc_
     return set_driver(scratch, &f->problem, proxy, motion, o->skinning);
 }
 
-// `rows`: of pci_skin_join.
+// `rows`: of pci_skin_sort, or NULL.
 static pc_status write_result(pci_scratch *scratch, const pci_skin_fit *f, size_t vertex_count,
                               const uint32_t *rows, pc_skin *skin, pc_skin_report *report) {
     const uint32_t kept = f->problem.slots, influences = f->options->influences;
@@ -285,13 +286,14 @@ pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface, const pc
                       .spatial_share = 1.0,
                       .follow_share = 1.0,
                       .stretch_share = 1.0};
-    pc_mesh joined = *surface;
+    pc_mesh sorted = *surface;
     const uint32_t *rows = NULL;
-    if (chosen.solver == PC_SKIN_ALTERNATE && !pci_skin_join(&scratch, surface, &joined, &rows)) {
+    if (chosen.solver == PC_SKIN_ALTERNATE &&
+        !pci_skin_sort(&scratch, surface, &sorted, &rows, &f.ranks)) {
         status = pci_fail_memory(context, stage);
     }
     if (status == PC_OK) {
-        status = prepare(&scratch, &joined, proxy, motion, &f);
+        status = prepare(&scratch, &sorted, proxy, motion, &f);
     }
     if (status == PC_OK) {
         status = chosen.solver == PC_SKIN_ADAMW ? pci_skin_fit_adamw(&scratch, &f, &r)
@@ -332,7 +334,7 @@ pc_status pc_skin_evaluate(pc_context *context, const pc_mesh *surface, const pc
     pci_scratch scratch = pci_scratch_begin(context);
     pci_skin_problem problem;
     pci_skin_measures measures = {0};
-    status = pci_skin_problem_build(&scratch, surface, chosen.neighbours, &problem)
+    status = pci_skin_problem_build(&scratch, surface, NULL, chosen.neighbours, &problem)
                  ? set_driver(&scratch, &problem, proxy, motion, skin->skinning)
                  : pci_fail_memory(context, stage);
     if (status == PC_OK) {

@@ -126,6 +126,7 @@ bool pci_skin_coarsen(pci_scratch *scratch, const pci_skin_problem *fine, pci_sk
                fine->slots * sizeof(*bones));
     }
     *p = *fine;
+    p->ranks = NULL;
     p->layers = NULL; // what lies between parts is too near for few vertices
     p->vertex_count = nv;
     p->rest = rest;
@@ -146,31 +147,41 @@ typedef struct prolong_job {
     const pci_skin_coarse *coarse;
     const double *change;
     double *weights;
+    struct tallies *tallies; // #threads
 } prolong_job;
 
 // Amounts by key, in the order in which the keys came: a row that is to move as bones with these
 // weights, the first ones its own; or clusters near a vertex and what their changes count.
 typedef struct tally {
     uint32_t count;
+    uint32_t *places; // by key: 1 + place, or 0
     uint32_t keys[WISH_MAX];
     double amounts[WISH_MAX];
 } tally;
 
+typedef struct tallies {
+    tally near, wish;
+} tallies;
+
 // False: left out, there are `most` other keys.
 static bool add_to(tally *t, uint32_t most, uint32_t key, double amount) {
-    uint32_t i = 0;
-    while (i < t->count && t->keys[i] != key) {
-        ++i;
-    }
-    if (i == most) {
-        return false;
-    }
-    if (i == t->count) {
+    if (t->places[key] == 0) {
+        if (t->count == most) {
+            return false;
+        }
         t->keys[t->count] = key;
-        t->amounts[t->count++] = 0.0;
+        t->amounts[t->count] = 0.0;
+        t->places[key] = ++t->count;
     }
-    t->amounts[i] += amount;
+    t->amounts[t->places[key] - 1] += amount;
     return true;
+}
+
+static void clear_tally(tally *t) {
+    for (uint32_t i = 0; i < t->count; ++i) {
+        t->places[t->keys[i]] = 0;
+    }
+    t->count = 0;
 }
 
 // Means over the rings of means over the rings, each with the vertex itself: smooth enough for the
@@ -178,7 +189,6 @@ static bool add_to(tally *t, uint32_t most, uint32_t key, double amount) {
 static double find_shares(const pci_skin_problem *fine, const uint32_t *clusters, uint32_t v,
                           tally *near) {
     double sum = 0.0;
-    near->count = 0;
     for (size_t e = fine->ring_offsets[v]; e <= fine->ring_offsets[v + 1]; ++e) {
         const uint32_t j = e < fine->ring_offsets[v + 1] ? fine->ring[e] : v;
         const size_t begin = fine->ring_offsets[j], end = fine->ring_offsets[j + 1];
@@ -192,28 +202,28 @@ static double find_shares(const pci_skin_problem *fine, const uint32_t *clusters
 }
 
 // What a row has, and the change of the coarse vertices near it.
-static void make_wish(const prolong_job *job, size_t v, tally *w) {
+static void make_wish(const prolong_job *job, size_t v, tally *near, tally *w) {
     const pci_skin_problem *fine = job->fine, *coarse = &job->coarse->problem;
     const size_t slots = fine->slots;
-    tally near;
-    const double sum = find_shares(fine, job->coarse->clusters, (uint32_t)v, &near);
-    w->count = 0;
+    const double sum = find_shares(fine, job->coarse->clusters, (uint32_t)v, near);
     for (size_t k = v * slots; k < (v + 1) * slots; ++k) {
         (void)add_to(w, WISH_MAX, fine->bones[k], job->weights[k]);
     }
-    for (size_t i = 0; i < near.count; ++i) {
-        const size_t first = near.keys[i] * slots;
+    for (size_t i = 0; i < near->count; ++i) {
+        const size_t first = near->keys[i] * slots;
         for (size_t k = first; k < first + slots; ++k) {
             if (job->change[k] != 0.0) {
-                const double share = near.amounts[i] / sum;
+                const double share = near->amounts[i] / sum;
                 (void)add_to(w, WISH_MAX, coarse->bones[k], share * job->change[k]);
             }
         }
     }
 }
 
-// The row takes what it can from the wish as it is, the rest as close as G says.
-static void fulfil(const prolong_job *job, size_t v, const tally *w, double *weights) {
+// The row takes what it can from the wish as it is, the rest as close as G says. `columns` are
+// those of the driver, known where this is compiled.
+static inline __attribute__((always_inline)) void
+fulfil(const prolong_job *job, const size_t columns, size_t v, const tally *w, double *weights) {
     const pci_skin_problem *p = job->fine;
     const uint32_t slots = p->slots, *bones = &p->bones[v * slots];
     double a[PCI_SKIN_SLOTS_MAX * PCI_SKIN_SLOTS_MAX], gradient[PCI_SKIN_SLOTS_MAX];
@@ -235,9 +245,8 @@ static void fulfil(const prolong_job *job, size_t v, const tally *w, double *wei
     for (size_t k = 0; k < slots; ++k) {
         gradient[k] = 0.0;
         for (size_t l = 0; l < w->count; ++l) {
-            const double product = pci_skin_gram_product(job->gram->matrix, p->proxy_count,
-                                                         job->gram->driver.data.columns, bones[k],
-                                                         w->keys[l], point, point);
+            const double product = pci_skin_gram_product(job->gram->matrix, p->proxy_count, columns,
+                                                         bones[k], w->keys[l], point, point);
             gradient[k] += left[l] * product;
             if (l < slots) {
                 a[k * slots + l] = product;
@@ -249,18 +258,36 @@ static void fulfil(const prolong_job *job, size_t v, const tally *w, double *wei
 }
 
 static void prolong_rows(void *user, size_t begin, size_t end, uint32_t worker) {
-    (void)worker;
     const prolong_job *job = user;
+    tally *near = &job->tallies[worker].near, *w = &job->tallies[worker].wish;
     for (size_t v = begin; v < end; ++v) {
-        tally w = {0};
-        make_wish(job, v, &w);
-        fulfil(job, v, &w, &job->weights[v * job->fine->slots]);
+        double *weights = &job->weights[v * job->fine->slots];
+        make_wish(job, v, near, w);
+        if (job->gram->driver.data.columns == 1) {
+            fulfil(job, 1, v, w, weights);
+        } else {
+            fulfil(job, PCI_SKIN_COLUMNS_MAX, v, w, weights);
+        }
+        clear_tally(near);
+        clear_tally(w);
     }
 }
 
-void pci_skin_prolong(const pci_skin_gram *gram, const pci_skin_problem *fine,
+bool pci_skin_prolong(pci_scratch *scratch, const pci_skin_gram *gram, const pci_skin_problem *fine,
                       const pci_skin_coarse *coarse, const double *change, double *weights) {
-    prolong_job job = {
-        .gram = gram, .fine = fine, .coarse = coarse, .change = change, .weights = weights};
-    pci_parallel_for(gram->driver.context, fine->vertex_count, 256, prolong_rows, &job);
+    const uint32_t threads = pc_context_threads(scratch->context);
+    prolong_job job = {.gram = gram,
+                       .fine = fine,
+                       .coarse = coarse,
+                       .change = change,
+                       .weights = weights,
+                       .tallies = PCI_SCRATCH(scratch, tallies, threads)};
+    for (uint32_t i = 0; i < threads && !scratch->failed; ++i) {
+        job.tallies[i].near.places = PCI_SCRATCH(scratch, uint32_t, coarse->problem.vertex_count);
+        job.tallies[i].wish.places = PCI_SCRATCH(scratch, uint32_t, fine->proxy_count);
+    }
+    if (!scratch->failed) {
+        pci_parallel_for(scratch->context, fine->vertex_count, 256, prolong_rows, &job);
+    }
+    return !scratch->failed;
 }

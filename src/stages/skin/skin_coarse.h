@@ -17,8 +17,8 @@ bool pci_skin_coarsen(pci_scratch *scratch, const pci_skin_problem *fine, pci_sk
 
 // Moves all vertices as the coarse ones near them have moved since the weights were theirs: finds
 // the weights that come closest, by G, to adding the change of the coarse ones (#coarse by slots).
-// Weights (in and out) #fine by slots.
-void pci_skin_prolong(const pci_skin_gram *gram, const pci_skin_problem *fine,
+// Weights (in and out) #fine by slots. False: out of memory.
+bool pci_skin_prolong(pci_scratch *scratch, const pci_skin_gram *gram, const pci_skin_problem *fine,
                       const pci_skin_coarse *coarse, const double *change, double *weights);
 
 #endif

@@ -308,14 +308,12 @@ static void normalize_rows(const pci_skin_fit *f) {
     }
 }
 
-// The paper's losses.
-static pc_status measure(const pci_skin_fit *f, pci_skin_alternation *a, pci_skin_level level,
+// The paper's losses. The alternation sees the paper's problem from then on.
+static pc_status measure(pci_skin_fit *f, pci_skin_alternation *a, pci_skin_level level,
                          pci_skin_measures *measures) {
-    const pci_skin_problem paper = paper_problem(f);
-    pci_skin_frames_use(&a->frames, &paper);
-    const pc_status status = pci_skin_alternation_measure(a, level, f->weights, measures);
-    pci_skin_frames_use(&a->frames, &f->problem);
-    return status;
+    f->paper = paper_problem(f);
+    pci_skin_frames_use(&a->frames, &f->paper);
+    return pci_skin_alternation_measure(a, level, f->weights, measures);
 }
 
 static pc_status weigh(pci_scratch *scratch, const pci_skin_fit *f, pci_skin_alternation *a) {
@@ -378,8 +376,9 @@ pc_status pci_skin_start_from_coarse(pci_skin_fit *f, pci_skin_gram *gram, uint3
         for (size_t k = 0; k < coarse.problem.vertex_count * slots && status == PC_OK; ++k) {
             c.weights[k] -= f->weights[slots * coarse.vertices[k / slots] + k % slots];
         }
-        if (status == PC_OK) {
-            pci_skin_prolong(gram, &f->problem, &coarse, c.weights, f->weights);
+        if (status == PC_OK &&
+            !pci_skin_prolong(&scratch, gram, &f->problem, &coarse, c.weights, f->weights)) {
+            status = pci_fail_memory(f->context, stage);
         }
     }
     pci_scratch_end(&scratch);
@@ -439,6 +438,7 @@ static pc_status run_phases(pci_scratch *scratch, pci_skin_fit *f, pci_skin_alte
             double losses[3];
             status = measure(f, a, PCI_SKIN_SAMPLE, &measures);
             r->full_loss = normalize_losses(f, f->paper_norms, &measures, losses);
+            pci_skin_frames_use(&a->frames, &f->problem);
             if (status == PC_OK) {
                 status = decide(scratch, f, a, false, &measures);
             }
@@ -459,43 +459,39 @@ static pc_status run_phases(pci_scratch *scratch, pci_skin_fit *f, pci_skin_alte
     return status;
 }
 
-// What the losses of the first guess are, and what follows from them. Memory is given back.
-static pc_status measure_guess(pci_skin_fit *f, pci_skin_gram *gram, pc_skin_report *r) {
-    pci_scratch scratch = pci_scratch_begin(f->context);
-    pci_skin_alternation a;
+// What the losses of the first guess are, and what follows from them. `a`: is built.
+static pc_status measure_guess(pci_scratch *scratch, pci_skin_fit *f, pci_skin_gram *gram,
+                               pci_skin_alternation *a, pc_skin_report *r) {
     pci_skin_measures measures = {0};
+    f->paper = paper_problem(f);
     normalize_rows(f);
-    pc_status status =
-        pci_skin_alternation_build(&scratch, &f->problem, pci_skin_kernel_float(), gram, &a)
-            ? measure(f, &a, PCI_SKIN_SAMPLE, &measures)
-            : pci_fail_memory(f->context, stage);
+    if (!pci_skin_alternation_build(scratch, &f->paper, pci_skin_kernel_float(), gram, a)) {
+        return pci_fail_memory(f->context, stage);
+    }
+    pc_status status = pci_skin_alternation_measure(a, PCI_SKIN_SAMPLE, f->weights, &measures);
     report_before(f, &measures, r);
+    pci_skin_frames_use(&a->frames, &f->problem);
     if (status == PC_OK) {
-        status = pci_skin_alternation_measure(&a, PCI_SKIN_SAMPLE, f->weights, &measures);
+        status = pci_skin_alternation_measure(a, PCI_SKIN_SAMPLE, f->weights, &measures);
         balance(f, &measures);
     }
-    pci_scratch_end(&scratch);
     return status;
 }
 
-static pc_status solve(pci_scratch *scratch, pci_skin_fit *f, pci_skin_gram *gram,
+static pc_status solve(pci_scratch *scratch, pci_skin_fit *f, pci_skin_alternation *a,
                        uint32_t first_rounds, pc_skin_report *r) {
-    pci_skin_alternation a;
-    if (!pci_skin_alternation_build(scratch, &f->problem, pci_skin_kernel_float(), gram, &a)) {
-        return pci_fail_memory(f->context, stage);
-    }
-    pci_skin_alternation_follow(&a, f->proxy, &f->followed);
-    hold_pinned(f, a.allowed);
+    pci_skin_alternation_follow(a, f->proxy, &f->followed);
+    hold_pinned(f, a->allowed);
     normalize_rows(f);
-    pc_status status = weigh(scratch, f, &a);
+    pc_status status = weigh(scratch, f, a);
     if (status == PC_OK) {
-        status = run_phases(scratch, f, &a, first_rounds, r);
+        status = run_phases(scratch, f, a, first_rounds, r);
     }
-    r->rounds = a.rounds;
+    r->rounds = a->rounds;
     r->spatial_share = f->spatial_share;
     if (status == PC_OK) {
         pci_skin_measures measures = {0};
-        status = measure(f, &a, PCI_SKIN_ALL, &measures);
+        status = measure(f, a, PCI_SKIN_ALL, &measures);
         report_after(f, &measures, r);
     }
     return status;
@@ -504,10 +500,11 @@ static pc_status solve(pci_scratch *scratch, pci_skin_fit *f, pci_skin_gram *gra
 pc_status pci_skin_fit_alternate(pci_skin_fit *f, pc_skin_report *r) {
     uint32_t first_rounds = (uint32_t)round(first_end * f->options->rounds);
     pci_skin_gram gram;
+    pci_skin_alternation a;
     pci_scratch scratch = pci_scratch_begin(f->context);
     pc_status status = pci_skin_gram_build(&scratch, &f->problem, pci_skin_kernel_float(), f->proxy,
                                            f->options->motion_noise, &gram)
-                           ? measure_guess(f, &gram, r)
+                           ? measure_guess(&scratch, f, &gram, &a, r)
                            : pci_fail_memory(f->context, stage);
     if (status == PC_OK) {
         start_from_followed(f);
@@ -516,7 +513,7 @@ pc_status pci_skin_fit_alternate(pci_skin_fit *f, pc_skin_report *r) {
         status = pci_skin_start_from_coarse(f, &gram, &first_rounds);
     }
     if (status == PC_OK) {
-        status = solve(&scratch, f, &gram, first_rounds, r);
+        status = solve(&scratch, f, &a, first_rounds, r);
     }
     pci_scratch_end(&scratch);
     return status;

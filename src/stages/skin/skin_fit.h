@@ -19,8 +19,10 @@ typedef struct pci_skin_fit {
     pc_context *context;
     const pc_skin_options *options;
     const pc_mesh *surface, *proxy;
+    const uint32_t *ranks; // #V, or NULL; see pci_skin_problem
     const uint8_t *pinned; // of the proxy, or NULL
     pci_skin_problem problem;
+    pci_skin_problem paper; // the same, of the paper's losses, while these are measured
     pci_skin_layers layers; // empty with AdamW
     pci_place *closest;     // #V, points on the proxy
     pc_skin followed;       // see pci_skin_follow_proxy; empty with AdamW

@@ -13,6 +13,7 @@ typedef struct pci_skin_problem {
     const double *rest;         // #V by 3
     const size_t *ring_offsets; // #V + 1
     const uint32_t *ring;       // N(i): vertices joined to i by an edge
+    const uint32_t *ranks;      // #V: of vertices as near as others, the least are in K(i); or NULL
     uint32_t near_count;        // k_K
     const uint32_t *near;       // K(i): #V by near_count
     const double *near_sums;    // #V: see pci_skin_near_weight
@@ -31,8 +32,9 @@ typedef struct pci_skin_problem {
 } pci_skin_problem;
 
 // Fills everything that follows from the surface alone; the arrays come from scratch memory.
-bool pci_skin_problem_build(pci_scratch *scratch, const pc_mesh *surface, uint32_t neighbours,
-                            pci_skin_problem *problem);
+// `ranks` stays the caller's.
+bool pci_skin_problem_build(pci_scratch *scratch, const pc_mesh *surface, const uint32_t *ranks,
+                            uint32_t neighbours, pci_skin_problem *problem);
 
 // The same for points and rings that are there. False: out of memory.
 bool pci_skin_problem_finish(pci_scratch *scratch, uint32_t neighbours, pci_skin_problem *problem);

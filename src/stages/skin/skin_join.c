@@ -1,5 +1,6 @@
 #include "stages/skin/skin_join.h"
 
+#include "geometry/locality.h"
 #include "geometry/topology.h"
 
 static const double short_share = 0.01; // of the mean edge length
@@ -79,6 +80,29 @@ bool pci_skin_join(pci_scratch *scratch, const pc_mesh *surface, pc_mesh *joined
     joined->positions = positions;
     joined->triangles = triangles;
     *rows = numbers;
+    pci_scratch_end(&local);
+    return good;
+}
+
+bool pci_skin_sort(pci_scratch *scratch, const pc_mesh *surface, pc_mesh *sorted,
+                   const uint32_t **rows, const uint32_t **ranks) {
+    const size_t nv = surface->vertex_count;
+    pci_scratch local = pci_scratch_begin(scratch->context);
+    pc_mesh joined;
+    const uint32_t *of_joined = NULL;
+    uint32_t *order = NULL, *places = PCI_SCRATCH(&local, uint32_t, nv);
+    uint32_t *chosen = PCI_SCRATCH(scratch, uint32_t, nv);
+    const bool good = !scratch->failed && !local.failed &&
+                      pci_skin_join(&local, surface, &joined, &of_joined) &&
+                      pci_sort_mesh(scratch, &joined, sorted, &order);
+    for (uint32_t i = 0; good && i < sorted->vertex_count; ++i) {
+        places[order[i]] = i;
+    }
+    for (size_t v = 0; v < nv && good; ++v) {
+        chosen[v] = places[of_joined != NULL ? of_joined[v] : v];
+    }
+    *rows = chosen;
+    *ranks = order;
     pci_scratch_end(&local);
     return good;
 }

@@ -1,4 +1,5 @@
-// Vertices that are joined by an edge of hardly any length move as one. For skin*.c.
+// The surface that the weights are found on: vertices that are joined by an edge of hardly any
+// length move as one, and neighbours stand close together in memory. For skin*.c.
 #ifndef PCI_SKIN_JOIN_H
 #define PCI_SKIN_JOIN_H
 
@@ -13,5 +14,13 @@
 // False: out of memory.
 bool pci_skin_join(pci_scratch *scratch, const pc_mesh *surface, pc_mesh *joined,
                    const uint32_t **rows);
+
+// Joins, and numbers what is left along a curve through space.
+// @param[out] sorted  the mesh, with arrays of its own.
+// @param[out] rows    #V: vertex of `sorted`.
+// @param[out] ranks   #vertices of `sorted`: they are as small as the vertices of `surface` were.
+// False: out of memory.
+bool pci_skin_sort(pci_scratch *scratch, const pc_mesh *surface, pc_mesh *sorted,
+                   const uint32_t **rows, const uint32_t **ranks);
 
 #endif

@@ -67,6 +67,7 @@ bool pci_skin_problem_finish(pci_scratch *scratch, uint32_t neighbours, pci_skin
     pci_scratch local = pci_scratch_begin(scratch->context);
     pci_knn knn;
     const bool built = pci_knn_build(&local, nv, problem->rest, &knn);
+    knn.ranks = problem->ranks;
     if (built) {
         near_job job = {.knn = &knn, .problem = problem, .near = near, .sums = sums};
         pci_parallel_for(scratch->context, nv, 256, find_near, &job);
@@ -99,9 +100,10 @@ double pci_skin_near_weight(const pci_skin_problem *p, size_t i, size_t e) {
     return 1.0 / (distance(p, i, p->near[e]) + p->near_epsilon) / p->near_sums[i];
 }
 
-bool pci_skin_problem_build(pci_scratch *scratch, const pc_mesh *surface, uint32_t neighbours,
-                            pci_skin_problem *problem) {
+bool pci_skin_problem_build(pci_scratch *scratch, const pc_mesh *surface, const uint32_t *ranks,
+                            uint32_t neighbours, pci_skin_problem *problem) {
     memset(problem, 0, sizeof(*problem));
+    problem->ranks = ranks;
     problem->vertex_count = surface->vertex_count;
     problem->rest = surface->positions;
     return find_rings(scratch, surface, problem) &&

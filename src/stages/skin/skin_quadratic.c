@@ -64,7 +64,7 @@ static bool build_loaded(pci_scratch *scratch, pci_skin_quadratic *q) {
         g->bone_numbers = PCI_SCRATCH(scratch, uint32_t, q->proxy_count);
         g->places = PCI_SCRATCH(scratch, uint32_t, (size_t)PCI_SKIN_GROUP * q->slots);
         g->bones = PCI_SCRATCH(scratch, uint32_t, sizes.bones);
-        g->moves = PCI_SCRATCH(scratch, pci_skin_move, sizes.rows * q->slots);
+        g->moves = PCI_SCRATCH(scratch, pci_skin_move, sizes.rows * q->slots + 1);
         g->moved = pci_scratch_allocate_aligned(scratch, sizes.rows * stride, sizeof(float));
         g->gram = pci_scratch_allocate_aligned(scratch, width * stride, sizeof(float));
         g->own_gram = PCI_SCRATCH(scratch, double, width *width);
@@ -74,7 +74,7 @@ static bool build_loaded(pci_scratch *scratch, pci_skin_quadratic *q) {
 }
 
 // F is kept of faces of so many slots; rows rarely have more for long.
-enum { KEPT_SLOTS = 10 };
+enum { KEPT_SLOTS = 8 };
 
 static size_t triangle_size(size_t slots) { return slots * (slots - 1) / 2; }
 
@@ -125,6 +125,12 @@ typedef struct sweep_job {
     uint32_t *allowed; // of the quadratic, if slots are taken away
 } sweep_job;
 
+static inline void fetch(const void *memory, size_t size) {
+    for (size_t at = 0; at < size; at += 64) {
+        __builtin_prefetch((const char *)memory + at);
+    }
+}
+
 static void number_bone(pci_skin_group *g, uint32_t bone) {
     if (g->bone_numbers[bone] == 0) {
         g->bones[g->bone_count] = bone;
@@ -153,24 +159,33 @@ static void number_bones(const sweep_job *job, uint32_t group, pci_skin_group *g
         }
     }
     g->own_bone_count = g->bone_count;
-    g->move_count = 0;
+    enum { AHEAD = 8 };
+    // Which slots have moved no processor foresees: all are written, those that have stay.
+    size_t count = 0;
     for (uint32_t row = 0; row < g->row_count; ++row) {
         const size_t begin = q->slots * (size_t)g->vertices[row];
-        for (size_t slot = begin; slot < begin + q->slots; ++slot) {
-            const float step = job->moved[slot];
-            if (step != 0.0f) {
-                number_bone(g, q->bones[slot]);
-                const pci_skin_move move = {row, g->bone_numbers[q->bones[slot]] - 1, step};
-                g->moves[g->move_count++] = move;
-            }
+        if (row + AHEAD < g->row_count) {
+            const size_t later = q->slots * (size_t)g->vertices[row + AHEAD];
+            fetch(&q->bones[later], q->slots * sizeof(*q->bones));
+            fetch(&job->moved[later], q->slots * sizeof(*job->moved));
         }
+        for (size_t slot = begin; slot < begin + q->slots; ++slot) {
+            const pci_skin_move move = {row, q->bones[slot], job->moved[slot]};
+            g->moves[count] = move;
+            count += move.step != 0.0f;
+        }
+    }
+    g->move_count = count;
+    for (size_t i = 0; i < count; ++i) {
+        number_bone(g, g->moves[i].bone);
+        g->moves[i].bone = g->bone_numbers[g->moves[i].bone] - 1;
     }
     g->stride = row_stride(q, g->bone_count);
 }
 
-// What the rows have moved.
-static void load_moves(const pci_skin_quadratic *q, pci_skin_group *g) {
-    const size_t width = q->width;
+// What the rows have moved. `width` is that of the quadratic, known where this is compiled.
+static inline __attribute__((always_inline)) void
+load_moves(const pci_skin_quadratic *q, const size_t width, pci_skin_group *g) {
     memset(g->moved, 0, g->row_count * g->stride * sizeof(*g->moved));
     for (size_t i = 0; i < g->move_count; ++i) {
         const pci_skin_move *move = &g->moves[i];
@@ -182,19 +197,19 @@ static void load_moves(const pci_skin_quadratic *q, pci_skin_group *g) {
     }
 }
 
-// The rows of G of the own bones.
-static void load_gram(const pci_skin_quadratic *q, pci_skin_group *g) {
-    const size_t width = q->width, own = width * g->own_bone_count, count = width * g->bone_count;
+// The rows of G of the own bones. `width` likewise.
+static inline __attribute__((always_inline)) void load_gram(const pci_skin_quadratic *q,
+                                                            const size_t width, pci_skin_group *g) {
+    const size_t own = width * g->own_bone_count, count = width * g->bone_count;
     for (size_t b = 0; b < own; ++b) {
         const size_t from = width * g->bones[b / width] + b % width;
         const double *row = &q->gram[width * q->proxy_count * from];
         float *to = &g->gram[b * g->stride];
         for (size_t c = 0; c < count; ++c) {
-            const double value = row[width * g->bones[c / width] + c % width];
-            to[c] = (float)value;
-            if (c < own) {
-                g->own_gram[b * own + c] = value;
-            }
+            to[c] = (float)row[width * g->bones[c / width] + c % width];
+        }
+        for (size_t c = 0; c < own; ++c) {
+            g->own_gram[b * own + c] = row[width * g->bones[c / width] + c % width];
         }
         memset(&to[count], 0, (g->stride - count) * sizeof(*to));
     }
@@ -203,8 +218,13 @@ static void load_gram(const pci_skin_quadratic *q, pci_skin_group *g) {
 static void load_group(const sweep_job *job, uint32_t group, pci_skin_group *g) {
     const pci_skin_quadratic *q = job->q;
     number_bones(job, group, g);
-    load_moves(q, g);
-    load_gram(q, g);
+    if (q->width == 1) {
+        load_moves(q, 1, g);
+        load_gram(q, 1, g);
+    } else {
+        load_moves(q, PCI_SKIN_COLUMNS_MAX, g);
+        load_gram(q, PCI_SKIN_COLUMNS_MAX, g);
+    }
     for (size_t b = 0; b < g->bone_count; ++b) {
         g->bone_numbers[g->bones[b]] = 0;
     }
@@ -482,12 +502,6 @@ minimize_row(const sweep_job *job, size_t row, const size_t width, pci_skin_grou
     }
     for (uint32_t i = 0; i < r.count; ++i) {
         move_slot(job, row, r.slots[i], r.weights[i], g);
-    }
-}
-
-static inline void fetch(const void *memory, size_t size) {
-    for (size_t at = 0; at < size; at += 64) {
-        __builtin_prefetch((const char *)memory + at);
     }
 }
 

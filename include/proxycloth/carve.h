@@ -28,8 +28,7 @@
 /// - it is folded: as much of it sees a back behind it within a voxel as a front before it (up to
 ///   5 % of the area, or twice as much; a lining shows backs only), 15 % at most, and the labels
 ///   give another number of components or loops, or leave 1 % of its vertices more than 2 voxels
-///   away. Folds narrower than about four voxels are flattened then: a coarse proxy would crumple
-///   in them.
+///   away. Simplify flattens pleats that are too narrow for the proxy.
 ///
 /// DEVIATION: where the labelled layer bridges gaps (half a percent of its area is more than half a
 /// voxel away from the cloth, as between two legs), the cloth made one sheet is taken instead, if

@@ -8,7 +8,6 @@
 #include "stages/carve/border.h"
 #include "stages/carve/crumbs.h"
 #include "stages/carve/dents.h"
-#include "stages/carve/folds.h"
 #include "stages/carve/lining.h"
 #include "stages/carve/loops.h"
 #include "stages/carve/outline.h"
@@ -59,8 +58,6 @@ static const pc_field report_fields[] = {
 };
 const pc_record pc_carve_report_record = PCI_RECORD(report_fields, pc_carve_report);
 
-// Folds of a folded sheet that are narrower than about four times this are flattened, in voxels.
-static const double flattened_voxels = 1.0;
 // The labels of a folded sheet may miss so much of it.
 static const double least_coverage = 0.99;
 // What the visual mesh covers is within this many voxels of the layer.
@@ -438,10 +435,8 @@ static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface, cons
         if (status == PC_OK &&
             (other.components != report->components ||
              other.boundary_loops != report->boundary_loops || report->coverage < least_coverage)) {
-            status = pci_flatten_folds(scratch, flattened_voxels * cell_size, &visual)
-                         ? take_visual(scratch, surface, projected, labels, cell_size, filled,
-                                       &visual, layer, report)
-                         : pci_fail_memory(scratch->context, stage);
+            status = take_visual(scratch, surface, projected, labels, cell_size, filled, &visual,
+                                 layer, report);
         }
     }
     pc_mesh_free(scratch->context, &visual);

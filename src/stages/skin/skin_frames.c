@@ -146,10 +146,9 @@ static void fill_constants(const pci_skin_frames *w, uint32_t i, void *constants
             attached[c] -= weight * target[c];
         }
     }
-    for (size_t x = PCI_SKIN_RING; x <= PCI_SKIN_NEAR; x += PCI_SKIN_NEAR - PCI_SKIN_RING) {
-        const double squares = values[x] + values[x + 3] + values[x + 5];
-        values[x + 6] = squares > 1e-30 ? 1.0 / squares : 0.0;
-    }
+    const double *ring = &values[PCI_SKIN_RING];
+    const double squares = ring[0] + ring[3] + ring[5];
+    values[PCI_SKIN_RING + 6] = squares > 1e-30 ? 1.0 / squares : 0.0;
     for (size_t c = 0; c < 3; ++c) {
         values[PCI_SKIN_ATTACHED + c] = w->unit * attached[c];
     }
@@ -344,7 +343,7 @@ static void fill_bone(const pci_skin_frames *w, const uint32_t *frames, size_t b
     const size_t per_bone = 3 * (size_t)w->data.columns;
     double rows[3 * PCI_SKIN_COLUMNS_MAX * PCI_BLOCK];
     for (size_t lane = 0; lane < PCI_BLOCK; ++lane) {
-        double map[3 * PCI_SKIN_COLUMNS_MAX];
+        double map[3 * PCI_SKIN_COLUMNS_MAX] = {0};
         const uint32_t frame = frames[lane];
         if (frame != PC_INVALID_INDEX) {
             pci_skin_bone_map(w->problem, w->origin, frame, bone, map);

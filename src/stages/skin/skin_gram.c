@@ -1,6 +1,6 @@
 #include "stages/skin/skin_gram.h"
 
-enum { SAMPLE_BLOCKS = PCI_SKIN_LOADED };
+enum { SAMPLE_BLOCKS = PCI_SKIN_LOADED, FRAMES_AT_ONCE = 4 };
 
 typedef struct gram_job {
     const double *rows; // #rows by size
@@ -83,6 +83,19 @@ static void add_noise(pci_skin_gram *gram) {
     }
 }
 
+static void add_frames(pci_skin_gram *gram, const uint32_t frames[FRAMES_AT_ONCE]) {
+    const pci_skin_frames *w = &gram->driver;
+    const size_t size = w->problem->proxy_count * w->data.columns;
+    gram_job job = {.rows = gram->rows, .size = size, .matrix = gram->matrix};
+    for (size_t i = 0; i < FRAMES_AT_ONCE; ++i) {
+        if (frames[i] != PC_INVALID_INDEX) {
+            fill_rows(w, frames[i], &gram->rows[job.count * size]);
+            job.count += 3;
+        }
+    }
+    pci_parallel_for(w->context, size, 16, add_products, &job);
+}
+
 void pci_skin_gram_use(pci_skin_gram *gram, pci_skin_level level) {
     const pci_skin_frames *w = &gram->driver;
     const size_t size = w->problem->proxy_count * w->data.columns;
@@ -93,14 +106,9 @@ void pci_skin_gram_use(pci_skin_gram *gram, pci_skin_level level) {
     gram->level = level;
     memset(gram->matrix, 0, size * size * sizeof(*gram->matrix));
     for (size_t block = 0; block < w->block_count; block += gram->levels[level].stride) {
-        gram_job job = {.rows = gram->rows, .size = size, .matrix = gram->matrix};
-        for (size_t i = PCI_BLOCK * block; i < PCI_BLOCK * (block + 1); ++i) {
-            if (w->frames[i] != PC_INVALID_INDEX) {
-                fill_rows(w, w->frames[i], &gram->rows[job.count * size]);
-                job.count += 3;
-            }
+        for (size_t i = PCI_BLOCK * block; i < PCI_BLOCK * (block + 1); i += FRAMES_AT_ONCE) {
+            add_frames(gram, &w->frames[i]);
         }
-        pci_parallel_for(w->context, size, 16, add_products, &job);
     }
     for (size_t b = 0; b < size; ++b) {
         for (size_t c = 0; c < b; ++c) {
@@ -130,7 +138,7 @@ bool pci_skin_gram_build(pci_scratch *scratch, const pci_skin_problem *problem,
     const size_t size = problem->proxy_count * w->data.columns;
     w->frames = pci_skin_frames_in_sequence(scratch, problem, &w->block_count);
     gram->matrix = PCI_SCRATCH(scratch, double, size *size);
-    gram->rows = PCI_SCRATCH(scratch, double, 3 * PCI_BLOCK * size);
+    gram->rows = PCI_SCRATCH(scratch, double, 3 * FRAMES_AT_ONCE * size);
     if (scratch->failed) {
         return false;
     }

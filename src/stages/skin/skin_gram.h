@@ -22,7 +22,7 @@ typedef struct pci_skin_gram {
     const pc_mesh *proxy; // the caller's
     double noise_share;   // variance over the mean square of how far its neighbours move apart
     double noise;         // in the matrix, on the diagonal
-    double *rows;         // 3 PCI_BLOCK by #P columns
+    double *rows;         // of some frames, 3 by #P columns each
 } pci_skin_gram;
 
 // The matrix is that of the sample. False: out of memory.

@@ -18,7 +18,7 @@
 
 enum {
     PCI_BLOCK = 16,    // frames per block, the innermost dimension of all per-frame arrays
-    PCI_SKIN_BATCH = 2 // vertices
+    PCI_SKIN_BATCH = 3 // vertices
 };
 
 // Edges of one vertex i, in five runs: to j in N(i) only, to N(i) and K(i), to K(i) only; each of
@@ -38,15 +38,15 @@ typedef struct pci_skin_patch {
     const void *lengths;       // real, s_ij |e_ij| of the edges of the ring to j > i, in order
     const void *stiffness;     // real, s_ij per edge
     const void *near_weights;  // real, Kw_ij per edge, 0 outside K(i)
-    const void *constants;     // real, #own by 17: see pci_skin_constant
+    const void *constants;     // real, #own by 16: see PCI_SKIN_RING
 } pci_skin_patch;
 
 enum { // of a vertex
     PCI_SKIN_RING =
         0, // sum s e e^T over N(i), 6 entries: xx, xy, xz, yy, yz, zz; 1 / sum s |e|^2 or 0
-    PCI_SKIN_NEAR = 7,      // the same over K(i)
-    PCI_SKIN_ATTACHED = 14, // a_i(0), 3
-    PCI_SKIN_CONSTANTS = 17
+    PCI_SKIN_NEAR = 7,      // sum s e e^T over K(i)
+    PCI_SKIN_ATTACHED = 13, // a_i(0), 3
+    PCI_SKIN_CONSTANTS = 16
 };
 
 // What all patches share.

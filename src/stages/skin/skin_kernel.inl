@@ -244,10 +244,7 @@ static inline __attribute__((always_inline)) void NAME(begin_fit)(NAME(fit) * f)
     f->squares = NAME(dot)(&s[0], &s[0]) + NAME(dot)(&s[3], &s[3]) + NAME(dot)(&s[6], &s[6]);
     f->minors = NAME(dot)(&c[0], &c[0]) + NAME(dot)(&c[3], &c[3]) + NAME(dot)(&c[6], &c[6]);
     f->det_2 = det + det;
-}
-
-// The first guess of m, exact where det S = 0.
-static inline __attribute__((always_inline)) void NAME(begin_root)(NAME(fit) * f) {
+    // The first guess of m, exact where det S = 0.
     const VEC k = ROOT(f->minors), k_2 = k + k;
     f->most = ROOT(f->squares + k_2);
     f->slope = FUSED(-f->det_2, k_2, f->most);
@@ -650,9 +647,10 @@ NAME(collect_bones)(const REAL *driver, const size_t columns, const REAL *point,
     }
     QUAD sums;
     NAME(add_lanes)(products, &sums);
-    for (size_t k = 0; k < count; ++k) {
-        gradient[k] += (REAL)2 * sums[k];
-    }
+    QUAD row = {0};
+    memcpy(&row, gradient, count * sizeof(*gradient));
+    row += sums + sums;
+    memcpy(gradient, &row, count * sizeof(*gradient));
 }
 
 static inline __attribute__((always_inline)) void
@@ -696,9 +694,6 @@ NAME(evaluate_batch)(const pci_skin_data *data, const pci_skin_patch *patch, siz
         }
         NAME(begin_fit)(&v->fits[0]);
         NAME(begin_fit)(&v->fits[1]);
-    }
-    for (size_t k = 0; k < 2 * (end - begin); ++k) {
-        NAME(begin_root)(&batch[k / 2].fits[k % 2]);
     }
     for (size_t k = 0; k < 2 * (end - begin); ++k) {
         NAME(step_root)(&batch[k / 2].fits[k % 2]);

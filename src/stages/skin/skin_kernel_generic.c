@@ -6,18 +6,53 @@ static inline bool any_bit(const void *mask) {
     return (words[0] | words[1]) != 0;
 }
 
+#if !defined(__FP_FAST_FMAF)
+typedef float four_floats __attribute__((vector_size(16)));
+typedef float two_floats __attribute__((vector_size(8)));
+typedef double two_doubles __attribute__((vector_size(16)));
+typedef uint64_t two_words __attribute__((vector_size(16)));
+
+// sum + x y, rounded once: a call of fmaf for each costs many times as much. The product is exact
+// in double; where the sum is not, it becomes the one of its neighbours whose last digit is odd
+// (Boldo, Melquiond, "Emulation of FMA and correctly rounded sums: proved algorithms using rounding
+// to odd", 2008), which float rounds as the exact sum.
+static inline __attribute__((always_inline)) two_doubles odd_sum(two_doubles sum, two_doubles x,
+                                                                 two_doubles y) {
+    const two_doubles product = x * y, rounded = product + sum, part = rounded - product;
+    const two_doubles error = (product - (rounded - part)) + (sum - part);
+    const two_words bits = (two_words)rounded;
+    const two_words inexact = (two_words)(error < 0) | (two_words)(error > 0);
+    const two_words towards = 1 - ((((two_words)error ^ bits) >> 62) & 2); // the exact sum
+    return (two_doubles)(bits + (towards & inexact & ((bits & 1) - 1)));
+}
+
+#define HALF(v, a, b) __builtin_convertvector(__builtin_shufflevector(v, v, a, b), two_doubles)
+static inline __attribute__((always_inline)) four_floats
+fused_floats(four_floats sum, four_floats x, four_floats y) {
+    const two_doubles low = odd_sum(HALF(sum, 0, 1), HALF(x, 0, 1), HALF(y, 0, 1));
+    const two_doubles high = odd_sum(HALF(sum, 2, 3), HALF(x, 2, 3), HALF(y, 2, 3));
+    return __builtin_shufflevector(__builtin_convertvector(low, two_floats),
+                                   __builtin_convertvector(high, two_floats), 0, 1, 2, 3);
+}
+#undef HALF
+#endif
+
 #define LANES   4
 #define NAME(x) x##_generic
 #define ROWS    multiply_rows_generic
 #include "stages/skin/skin_rows.inl"
 
-#define REAL                float
-#define INTEGER             int32_t
-#define LANES               4
-#define ANY(mask)           any_bit(&(mask))
-#define NAME(x)             x##_generic_float
-#define EACH_ROOT           sqrtf
-#define EACH_FMA            fmaf
+#define REAL      float
+#define INTEGER   int32_t
+#define LANES     4
+#define ANY(mask) any_bit(&(mask))
+#define NAME(x)   x##_generic_float
+#define EACH_ROOT sqrtf
+#if defined(__FP_FAST_FMAF)
+#define EACH_FMA fmaf
+#else
+#define FUSED(sum, x, y) ((VEC)fused_floats((four_floats)(sum), (four_floats)(x), (four_floats)(y)))
+#endif
 #define LENGTH_TOLERANCE    1e-20
 #define STEP_TOLERANCE      1e-5
 #define CURVATURE_TOLERANCE 1e-5

@@ -74,7 +74,7 @@ static bool build_loaded(pci_scratch *scratch, pci_skin_quadratic *q) {
 }
 
 // F is kept of faces of so many slots; rows rarely have more for long.
-enum { KEPT_SLOTS = 10 };
+enum { KEPT_SLOTS = 8 };
 
 static size_t triangle_size(size_t slots) { return slots * (slots - 1) / 2; }
 

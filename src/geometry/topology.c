@@ -342,6 +342,11 @@ bool pci_find_shape(pci_scratch *scratch, const pc_mesh *mesh, pci_shape *shape)
     return !scratch->failed;
 }
 
+bool pci_same_topology(const pci_shape *a, const pci_shape *b) {
+    return a->components == b->components && a->boundary_loops == b->boundary_loops &&
+           a->euler == b->euler;
+}
+
 size_t pci_nonmanifold_edge_count(const pci_topology *topology) {
     size_t count = 0;
     for (size_t e = 0; e < topology->edge_count; ++e) {

@@ -56,6 +56,8 @@ typedef struct pci_shape {
 
 // Needs what pci_boundary_loops needs. False: out of memory.
 bool pci_find_shape(pci_scratch *scratch, const pc_mesh *mesh, pci_shape *shape);
+// Whether their numbers of components and loops and their Euler numbers are the same.
+bool pci_same_topology(const pci_shape *a, const pci_shape *b);
 
 size_t pci_nonmanifold_edge_count(const pci_topology *topology);
 // Vertices whose triangles form more than one fan.

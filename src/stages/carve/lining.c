@@ -143,11 +143,6 @@ static bool choose_side(const lining *l, const uint8_t *side, uint8_t *keep) {
     return some;
 }
 
-static bool same_shape(const pci_shape *a, const pci_shape *b) {
-    return a->components == b->components && a->boundary_loops == b->boundary_loops &&
-           a->euler == b->euler;
-}
-
 // A connected piece of what is to go.
 typedef struct piece {
     uint32_t root; // its first triangle
@@ -226,7 +221,7 @@ static bool take(const lining *l, const uint8_t *keep, const pci_shape *wanted, 
     const bool done = pci_mesh_repair(&scratch, l->mesh, keep, &rest, &counts) &&
                       pci_find_shape(&scratch, &rest, &found);
     pci_scratch_end(&scratch);
-    if (done && same_shape(&found, wanted)) {
+    if (done && pci_same_topology(&found, wanted)) {
         pc_mesh_free(l->scratch->context, kept);
         *kept = rest;
     } else {

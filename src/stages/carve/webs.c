@@ -357,8 +357,7 @@ static bool take_mended(pci_scratch *scratch, pc_mesh *mended, pc_mesh *layer) {
     if (!pci_find_shape(scratch, layer, &before) || !pci_find_shape(scratch, mended, &after)) {
         return false;
     }
-    if (before.components == after.components && before.boundary_loops == after.boundary_loops &&
-        before.euler == after.euler) {
+    if (pci_same_topology(&before, &after)) {
         const pc_mesh swapped = *layer;
         *layer = *mended;
         *mended = swapped;

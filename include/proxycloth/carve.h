@@ -28,8 +28,7 @@
 /// - it is folded: as much of it sees a back behind it within a voxel as a front before it (up to
 ///   5 % of the area, or twice as much; a lining shows backs only), 15 % at most, and the labels
 ///   give another number of components or loops, or leave 1 % of its vertices more than 2 voxels
-///   away. Folds narrower than about four voxels are flattened then: a coarse proxy would crumple
-///   in them.
+///   away. Simplify flattens pleats that are too narrow for the proxy.
 ///
 /// DEVIATION: where the labelled layer bridges gaps (half a percent of its area is more than half a
 /// voxel away from the cloth, as between two legs), the cloth made one sheet is taken instead, if
@@ -49,6 +48,11 @@
 /// which there is no other cloth within 1.5 voxels, is such a membrane and is cut out along the
 /// isoline of that distance. What bridges two surfaces, as between the legs, has no rim around it
 /// and stays, as does what holds the layer together.
+///
+/// DEVIATION: such webs, more than half a voxel away from the cloth, are replaced by the walls of
+/// the gap that they bridge, where the other side of the projected mesh shows these as one piece
+/// whose border runs along the web's: legs part at the crotch and sleeves at the armpit again. The
+/// inside of legs that the voxels fill does not show them; a finer grid does.
 ///
 /// With `carve` on, everything farther than `carve_distance` beside the visual mesh is cut away
 /// (section 5.1), so that separate parts can move freely.

@@ -9,6 +9,10 @@
 /// - The dual mesh is made by contracting each cluster with edge collapses that keep the topology
 ///   (link condition), instead of removing non-manifold triangles afterwards. The proxy has the
 ///   components, boundary loops and Euler number of the single layer by construction.
+/// - Pleats that are narrower than the edges can follow would crumple and double the proxy: where
+///   most of the surface stands in such pleats (its normals agree with their mean within an edge
+///   length by a mean cosine of .7 at most), the proxy is made of the sheet amid them. The more
+///   vertices, the more pleats stay. Thin tubes do not count.
 /// - Clusters get smaller around narrow parts (`narrow_refinement`).
 /// - A tube behind an opening, such as a sleeve or a leg, that is three to five clusters around is
 ///   mapped conformally to a cylinder and gets rings of equally many clusters, one straight behind

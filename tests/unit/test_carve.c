@@ -1,7 +1,6 @@
 #include "support/test.h"
 
 #include "geometry/topology.h"
-#include "stages/carve/folds.h"
 #include "support/manifold.h"
 #include "support/memory.h"
 #include "support/shapes.h"
@@ -499,44 +498,6 @@ static void takes_cloth_without_hems_for_bridges(void **state) {
     pc_context_destroy(context);
 }
 
-static bool inner(const double *p) { return fabs(p[0] - 8.0) < 4.0 && fabs(p[1] - 8.0) < 4.0; }
-
-// A sheet in waves: narrow ones go, wide ones stay, the border draws in by less than half the
-// width.
-static void flattens_narrow_folds(void **state) {
-    (void)state;
-    pc_context *context = test_context(1);
-    static const double lengths[] = {2.0, 16.0};
-    for (size_t i = 0; i < 2; ++i) {
-        pc_mesh sheet = test_sheet(context, 64, 64, 16.0, 16.0);
-        double before = 0.0, after = 0.0;
-        for (size_t v = 0; v < sheet.vertex_count; ++v) {
-            double *p = &sheet.positions[3 * v];
-            p[2] = 0.5 * sin(6.283185307179586 * p[0] / lengths[i]);
-            before += inner(p) ? p[2] * p[2] : 0.0;
-        }
-        pci_scratch scratch = pci_scratch_begin(context);
-        assert_true(pci_flatten_folds(&scratch, 1.0, &sheet));
-        pci_scratch_end(&scratch);
-        double width = 0.0;
-        for (size_t v = 0; v < sheet.vertex_count; ++v) {
-            const double *p = &sheet.positions[3 * v];
-            after += inner(p) ? p[2] * p[2] : 0.0;
-            width = fmax(width, p[0]);
-        }
-        // Free of the border's influence: 1 / (1 + k^4) with k = 2 pi / length, .01 and .98,
-        // squared.
-        if (i == 0) {
-            assert_true(after < 0.001 * before);
-        } else {
-            assert_true(after > 0.9 * before && after < before);
-        }
-        assert_true(width > 15.5 && width <= 16.0);
-        pc_mesh_free(context, &sheet);
-    }
-    pc_context_destroy(context);
-}
-
 static void survives_lack_of_memory(void **state) {
     (void)state;
     counting_allocator counter = {0};
@@ -658,7 +619,6 @@ int main(void) {
         cmocka_unit_test(refines_triangles_without_area),
         cmocka_unit_test(takes_clean_sheets_as_they_are),
         cmocka_unit_test(takes_cloth_without_hems_for_bridges),
-        cmocka_unit_test(flattens_narrow_folds),
         cmocka_unit_test(survives_lack_of_memory),
         cmocka_unit_test(is_deterministic),
         cmocka_unit_test(can_be_cancelled),

@@ -3,6 +3,7 @@
 #include "geometry/bvh.h"
 #include "geometry/topology.h"
 #include "stages/simplify/density.h"
+#include "stages/simplify/pleats.h"
 #include "support/memory.h"
 #include "support/proxy_shape.h"
 #include "support/surfaces.h"
@@ -492,20 +493,26 @@ static double farthest_vertex(const pc_mesh *proxy, const pc_mesh *mesh) {
     return sqrt(farthest);
 }
 
+// Twelve waves around a tube of radius .5.
+static pc_mesh pleated_skirt(pc_context *context, double depth) {
+    pc_mesh skirt = test_tube(context, 96, 40, 0.5, 1.5);
+    for (size_t v = 0; v < skirt.vertex_count; ++v) {
+        double *p = &skirt.positions[3 * v];
+        const double way = depth * cos(12.0 * atan2(p[2], p[0]));
+        p[0] += 2.0 * way * p[0], p[2] += 2.0 * way * p[2];
+    }
+    return skirt;
+}
+
 // On narrow pleats, which the triangles cannot follow, vertices are pulled out to all sides; none
 // becomes a spike.
 static void leaves_no_spikes(void **state) {
     (void)state;
     pc_context *context = test_context(1);
-    static const double depths[] = {0.05, 0.1, 0.15};
+    static const double depths[] = {0.05, 0.07, 0.08};
     for (size_t i = 0; i < sizeof(depths) / sizeof(depths[0]); ++i) {
-        pc_mesh skirt = test_tube(context, 96, 40, 0.5, 1.5), again = {0};
+        pc_mesh skirt = pleated_skirt(context, depths[i]), again = {0};
         pci_scratch scratch = pci_scratch_begin(context);
-        for (size_t v = 0; v < skirt.vertex_count; ++v) {
-            double *p = &skirt.positions[3 * v];
-            const double way = depths[i] * cos(12.0 * atan2(p[2], p[0]));
-            p[0] += 2.0 * way * p[0], p[2] += 2.0 * way * p[2];
-        }
         assert_true(pci_mesh_compact(&scratch, &skirt, NULL, &again, NULL));
         double area = 0.0;
         for (size_t t = 0; t < skirt.triangle_count; ++t) {
@@ -517,6 +524,68 @@ static void leaves_no_spikes(void **state) {
         pc_mesh_free(context, &proxy);
         pc_mesh_free(context, &again);
         pci_scratch_end(&scratch);
+    }
+    pc_context_destroy(context);
+}
+
+// ---- pleats -------------------------------------------------------------------------------------
+
+// The least and largest distance from the axis of a tube.
+static void find_radii(const pc_mesh *mesh, double radii[2]) {
+    radii[0] = INFINITY, radii[1] = 0.0;
+    for (size_t v = 0; v < mesh->vertex_count; ++v) {
+        const double radius = hypot(mesh->positions[3 * v], mesh->positions[3 * v + 2]);
+        radii[0] = fmin(radii[0], radius);
+        radii[1] = fmax(radii[1], radius);
+    }
+}
+
+// Deep pleats half an edge apart leave a plain skirt; enough vertices follow them.
+static void narrow_pleats_are_flattened(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    static const uint32_t vertices[] = {128, 2048};
+    for (size_t i = 0; i < 2; ++i) {
+        pc_mesh skirt = pleated_skirt(context, 0.15);
+        pc_mesh proxy = simplified(context, &skirt, vertices[i], NULL);
+        double radii[2];
+        find_radii(&proxy, radii);
+        if (i == 0) {
+            assert_true(radii[0] > 0.45 && radii[1] < 0.55);
+        } else {
+            assert_true(radii[0] < 0.38 && radii[1] > 0.62);
+        }
+        pc_mesh_free(context, &proxy);
+    }
+    pc_context_destroy(context);
+}
+
+// A tube one edge around is no pleat, and neither are wide waves.
+static void tubes_and_waves_are_no_pleats(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh meshes[2] = {test_tube(context, 24, 60, 0.5, 8.0),
+                         test_sheet(context, 64, 64, 16.0, 16.0)};
+    static const double spacings[2] = {3.14, 0.5};
+    for (size_t v = 0; v < meshes[1].vertex_count; ++v) {
+        double *p = &meshes[1].positions[3 * v];
+        p[2] = 3.0 * sin(6.283185307179586 / 8.0 * p[0]);
+    }
+    for (size_t i = 0; i < 2; ++i) {
+        const size_t bytes = 3 * meshes[i].vertex_count * sizeof(double);
+        pci_scratch scratch = pci_scratch_begin(context);
+        double *normals = PCI_SCRATCH(&scratch, double, 3 * meshes[i].vertex_count);
+        double *before = PCI_SCRATCH(&scratch, double, 3 * meshes[i].vertex_count);
+        assert_false(scratch.failed);
+        memcpy(before, meshes[i].positions, bytes);
+        pci_vertex_normals(&meshes[i], normals);
+        assert_true(pci_flatten_pleats(&scratch, spacings[i], &meshes[i], normals));
+        assert_memory_equal(meshes[i].positions, before, bytes);
+        // Much longer edges cannot follow the waves.
+        assert_true(i == 0 || pci_flatten_pleats(&scratch, 6.0, &meshes[i], normals));
+        assert_true(i == 0 || memcmp(meshes[i].positions, before, bytes) != 0);
+        pci_scratch_end(&scratch);
+        pc_mesh_free(context, &meshes[i]);
     }
     pc_context_destroy(context);
 }
@@ -773,6 +842,8 @@ int main(void) {
         cmocka_unit_test(thin_tubes_get_rings),
         cmocka_unit_test(fits_faces_not_vertices),
         cmocka_unit_test(leaves_no_spikes),
+        cmocka_unit_test(narrow_pleats_are_flattened),
+        cmocka_unit_test(tubes_and_waves_are_no_pleats),
         cmocka_unit_test(edges_follow_the_density_map),
         cmocka_unit_test(a_small_spot_gets_enough_samples),
         cmocka_unit_test(a_missing_density_map_is_reported),

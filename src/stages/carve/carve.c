@@ -8,11 +8,11 @@
 #include "stages/carve/border.h"
 #include "stages/carve/crumbs.h"
 #include "stages/carve/dents.h"
-#include "stages/carve/folds.h"
 #include "stages/carve/lining.h"
 #include "stages/carve/loops.h"
 #include "stages/carve/outline.h"
 #include "stages/carve/visual_layer.h"
+#include "stages/carve/webs.h"
 
 static const char stage[] = "carve";
 
@@ -58,8 +58,6 @@ static const pc_field report_fields[] = {
 };
 const pc_record pc_carve_report_record = PCI_RECORD(report_fields, pc_carve_report);
 
-// Folds of a folded sheet that are narrower than about four times this are flattened, in voxels.
-static const double flattened_voxels = 1.0;
 // The labels of a folded sheet may miss so much of it.
 static const double least_coverage = 0.99;
 // What the visual mesh covers is within this many voxels of the layer.
@@ -254,46 +252,48 @@ static pc_status cut(pci_scratch *scratch, const pc_mesh *cloth, const pci_bvh *
                                                       : pci_fail_cancelled(scratch->context, stage);
 }
 
-// Finds the triangles whose middles are farther than `reach` from the cloth.
-typedef struct bridge_job {
-    const pci_bvh *cloth;
-    const pc_mesh *layer;
-    double reach;
-    uint8_t *away; // #F
-} bridge_job;
-
-static void find_bridges(void *user, size_t begin, size_t end, uint32_t worker) {
-    (void)worker;
-    const bridge_job *job = user;
-    for (size_t t = begin; t < end; ++t) {
-        double middle[3];
-        pci_triangle_middle(job->layer, t, middle);
-        job->away[t] = !pci_bvh_within(job->cloth, middle, job->reach);
-    }
-}
-
-// The projected mesh lies on the cloth but where the voxels bridge a gap. `share` receives the
-// bridges' share of the layer's area. False: out of memory.
-static bool measure_bridges(pci_scratch *scratch, const pci_bvh *cloth, const pc_mesh *layer,
-                            double cell_size, double *share) {
-    uint8_t *away = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
-    if (away == NULL) {
+// The projected mesh lies on the cloth but where the voxels bridge a gap. `share` receives such
+// triangles' share of the layer's area.
+static bool find_bridges(pci_scratch *scratch, const pci_bvh *cloth, const pc_mesh *layer,
+                         double cell_size, uint8_t **bridges, double *share) {
+    *bridges = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
+    if (*bridges == NULL ||
+        !pci_find_away(scratch->context, cloth, layer, bridge_voxels * cell_size, *bridges)) {
         return false;
     }
-    bridge_job job = {cloth, layer, bridge_voxels * cell_size, away};
-    pci_parallel_for(scratch->context, layer->triangle_count, grain, find_bridges, &job);
     double total = 0.0, sum = 0.0;
     for (size_t t = 0; t < layer->triangle_count; ++t) {
         const double area = pci_triangle_area(layer, t);
         total += area;
-        sum += away[t] ? area : 0.0;
+        sum += (*bridges)[t] ? area : 0.0;
     }
     *share = total > 0.0 ? sum / total : 0.0;
     return true;
 }
 
+// Mends what webs it can; `share` receives the share of the layer that bridged gaps before.
+static pc_status mend_bridges(pci_scratch *scratch, const pci_bvh *cloth, const pc_mesh *projected,
+                              const uint8_t *labels, double cell_size, pc_mesh *layer,
+                              double *share) {
+    const uint8_t *kept = kept_triangles(scratch, projected, labels);
+    uint8_t *bridges = NULL;
+    if (kept == NULL || !find_bridges(scratch, cloth, layer, cell_size, &bridges, share)) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    double left = *share;
+    pc_status status = PC_OK;
+    for (int loosely = 0; loosely < 2 && left > 0.0 && status == PC_OK; ++loosely) {
+        status = pci_mend_webs(scratch, stage, cloth, projected, kept, bridges, cell_size,
+                               loosely != 0, layer);
+        if (status == PC_OK && !find_bridges(scratch, cloth, layer, cell_size, &bridges, &left)) {
+            status = pci_fail_memory(scratch->context, stage);
+        }
+    }
+    return status;
+}
+
 // The labelled side of the projected mesh, cut along the outline. `bridges` receives the share of
-// it that bridges gaps; NULL: not wanted.
+// it that bridged gaps.
 static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
                                 const pc_mesh *projected, const uint8_t *labels, double cell_size,
                                 const pc_carve_options *options, pc_mesh *layer, double *bridges,
@@ -319,9 +319,8 @@ static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *surface, co
     if (status == PC_OK) {
         status = cut(scratch, cloth, visual, &rims, cell_size, options, layer, report);
     }
-    if (status == PC_OK && bridges != NULL &&
-        !measure_bridges(scratch, visual, layer, cell_size, bridges)) {
-        status = pci_fail_memory(scratch->context, stage);
+    if (status == PC_OK) {
+        status = mend_bridges(scratch, visual, projected, labels, cell_size, layer, bridges);
     }
     pci_bvh_destroy(scratch->context, visual);
     report->source = PC_LAYER_LABELS;
@@ -428,8 +427,7 @@ static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface, cons
     }
     if (status == PC_OK) {
         status = labelled_layer(scratch, surface, cloth, projected, labels, cell_size, options,
-                                layer, may_be_tailored(scratch, cloth, options) ? &bridges : NULL,
-                                &boundary, report);
+                                layer, &bridges, &boundary, report);
     }
     if (status == PC_OK && layering == PCI_FOLDED) {
         pc_carve_report other = {0};
@@ -437,14 +435,13 @@ static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface, cons
         if (status == PC_OK &&
             (other.components != report->components ||
              other.boundary_loops != report->boundary_loops || report->coverage < least_coverage)) {
-            status = pci_flatten_folds(scratch, flattened_voxels * cell_size, &visual)
-                         ? take_visual(scratch, surface, projected, labels, cell_size, filled,
-                                       &visual, layer, report)
-                         : pci_fail_memory(scratch->context, stage);
+            status = take_visual(scratch, surface, projected, labels, cell_size, filled, &visual,
+                                 layer, report);
         }
     }
     pc_mesh_free(scratch->context, &visual);
-    if (status == PC_OK && report->source == PC_LAYER_LABELS && bridges > most_bridges) {
+    if (status == PC_OK && report->source == PC_LAYER_LABELS && bridges > most_bridges &&
+        may_be_tailored(scratch, cloth, options)) {
         status = try_tailoring(scratch, surface, cloth, thickness, projected, labels, cell_size,
                                boundary, layer, report);
     }

@@ -2,16 +2,14 @@
 
 #include "core/union_find.h"
 #include "geometry/bvh.h"
-#include "geometry/knn.h"
 #include "geometry/manifold.h"
 #include "geometry/topology.h"
+#include "stages/carve/seams.h"
 
 enum { grain = 256 };
 
 // Smaller pieces of a component than this share of it change sides.
 static const double small_share = 0.05;
-// Seams of more rungs in their table are given up: no garment has such loops.
-static const size_t most_rungs = (size_t)1 << 24;
 
 typedef struct covering {
     const pc_mesh *mesh;
@@ -98,17 +96,9 @@ static bool mark_uncovered(pci_scratch *scratch, const covering *c, const pci_to
 
 // ---- seams --------------------------------------------------------------------------------------
 
-typedef struct loop {
-    uint32_t component;
-    size_t count;
-    const uint32_t *vertices; // in the direction of their triangles
-    double *points;           // #vertices by 3
-    double longest;           // edge
-    pci_knn nearest;
-    bool sewn;
-} loop;
-
-static bool list_loops(pci_scratch *scratch, const pc_mesh *mesh, loop **loops, size_t *count) {
+// The boundary loops of a mesh that can be sewn, with the component of each.
+static bool list_loops(pci_scratch *scratch, const pc_mesh *mesh, pci_loop **loops, size_t *count,
+                       uint32_t **components) {
     pci_topology topology;
     size_t *offsets = NULL;
     uint32_t *vertices = NULL;
@@ -118,166 +108,48 @@ static bool list_loops(pci_scratch *scratch, const pc_mesh *mesh, loop **loops, 
         return false;
     }
     (void)pci_triangle_components(scratch, mesh, &topology, component);
-    *loops = PCI_SCRATCH(scratch, loop, *count);
+    *loops = PCI_SCRATCH(scratch, pci_loop, *count);
+    *components = PCI_SCRATCH(scratch, uint32_t, *count);
     for (size_t i = 0; i < *count && !scratch->failed; ++i) {
-        loop *l = &(*loops)[i];
-        l->vertices = &vertices[offsets[i]];
-        l->count = offsets[i + 1] - offsets[i];
-        l->component =
-            component[topology.vertex_triangles[topology.vertex_triangle_offsets[l->vertices[0]]]];
-        l->points = PCI_SCRATCH(scratch, double, 3 * l->count);
-        for (size_t k = 0; k < l->count && l->points != NULL; ++k) {
-            const double *from = &mesh->positions[3 * (size_t)l->vertices[k]];
-            const double *to = &mesh->positions[3 * (size_t)l->vertices[(k + 1) % l->count]];
-            memcpy(&l->points[3 * k], from, 3 * sizeof(*from));
-            l->longest = fmax(l->longest, sqrt(pci_squared_distance(from, to)));
-        }
-        if (l->points == NULL || !pci_knn_build(scratch, l->count, l->points, &l->nearest)) {
+        const uint32_t *first = &vertices[offsets[i]];
+        (*components)[i] =
+            component[topology.vertex_triangles[topology.vertex_triangle_offsets[*first]]];
+        if (!pci_loop_begin(scratch, mesh, offsets[i + 1] - offsets[i], first, &(*loops)[i])) {
             return false;
         }
     }
     return !scratch->failed;
 }
 
-// The largest distance between a vertex of one loop and the nearest vertex of the other.
-static double distance_from(const loop *a, const loop *b) {
-    double largest = 0.0;
-    for (size_t i = 0; i < a->count; ++i) {
-        uint32_t nearest = 0;
-        double squared = 0.0;
-        pci_knn_query(&b->nearest, &a->points[3 * i], 1, PC_INVALID_INDEX, &nearest, &squared);
-        largest = fmax(largest, sqrt(squared));
-    }
-    return largest;
-}
-
-// Rungs between two loops: around `a` once, and along `steps` edges of `b`, against the direction
-// of its triangles.
-typedef struct seam {
-    const loop *a, *b;
-    size_t first_a, first_b, steps;
-} seam;
-
-static size_t along(const seam *s, size_t i) { return (s->first_a + i) % s->a->count; }
-static size_t against(const seam *s, size_t j) {
-    return (s->first_b + s->b->count - j % s->b->count) % s->b->count;
-}
-
-static double rung(const seam *s, size_t i, size_t j) {
-    return sqrt(
-        pci_squared_distance(&s->a->points[3 * along(s, i)], &s->b->points[3 * against(s, j)]));
-}
-
-// The longest run of vertices of `b` within `limit` of `a`, if it nearly closes: the seam runs back
-// along it, from the vertex of `a` between its ends.
-static bool find_run(seam *s, double limit, double widest_gap) {
-    const loop *a = s->a, *b = s->b;
-    size_t run = 0, best = 0, start = 0;
-    for (size_t k = 0; k < 2 * b->count && run < b->count; ++k) {
-        const double *point = &b->points[3 * (k % b->count)];
-        run = pci_knn_within(&a->nearest, point, limit, NULL) ? run + 1 : 0;
-        if (run > best) {
-            best = run;
-            s->first_b = k % b->count;
-        }
-    }
-    if (best < 3 || best >= b->count) {
-        return false;
-    }
-    s->steps = best - 1;
-    double nearest = HUGE_VAL;
-    for (size_t i = 0; i < a->count; ++i) {
-        s->first_a = i;
-        const double sum = rung(s, 0, 0) + rung(s, 0, s->steps);
-        if (sum < nearest) {
-            nearest = sum;
-            start = i;
-        }
-    }
-    s->first_a = start;
-    return sqrt(pci_squared_distance(&b->points[3 * against(s, 0)],
-                                     &b->points[3 * against(s, s->steps)])) <= widest_gap;
-}
-
-// Finds where two loops run along each other: all the way around both, or around `a` along a part
-// of `b` that nearly closes, as the hem of a shirt that is buttoned up. False: they do not.
-static bool find_seam(const loop *a, const loop *b, double reach, seam *s) {
-    *s = (seam){.a = a, .b = b, .steps = b->count};
-    const double apart = distance_from(a, b);
-    if (apart > reach + b->longest) {
-        return false;
-    }
-    if (distance_from(b, a) > reach + a->longest) {
-        return find_run(s, apart + 0.5 * a->longest, 0.5 * reach);
-    }
-    uint32_t nearest = 0;
-    double squared = 0.0;
-    pci_knn_query(&b->nearest, a->points, 1, PC_INVALID_INDEX, &nearest, &squared);
-    s->first_b = nearest;
-    return true;
-}
-
-// Appends the triangles between the shortest rungs. False: out of memory.
-static bool close_seam(pci_scratch *scratch, const seam *s, uint32_t *triangles, size_t *count) {
-    const size_t n = s->a->count, m = s->steps;
-    uint8_t *turns = PCI_SCRATCH(scratch, uint8_t, (n + 1) * (m + 1)); // 1: the last step was on a
-    double *costs = PCI_SCRATCH(scratch, double, m + 1);               // to rung (i, j)
-    if (scratch->failed) {
-        return false;
-    }
-    for (size_t i = 0; i <= n; ++i) {
-        for (size_t j = 0; j <= m; ++j) {
-            const double from_a = i > 0 ? costs[j] : HUGE_VAL;
-            const double from_b = j > 0 ? costs[j - 1] : HUGE_VAL;
-            turns[i * (m + 1) + j] = i > 0 && from_a <= from_b;
-            costs[j] = (i + j > 0 ? fmin(from_a, from_b) : 0.0) + rung(s, i, j);
-        }
-    }
-    for (size_t i = n, j = m; i + j > 0;) {
-        uint32_t *corner = &triangles[3 * (*count)++];
-        const uint32_t a = s->a->vertices[along(s, i)], b = s->b->vertices[against(s, j)];
-        if (turns[i * (m + 1) + j]) {
-            corner[0] = a, corner[1] = s->a->vertices[along(s, --i)], corner[2] = b;
-        } else {
-            corner[0] = s->b->vertices[against(s, --j)], corner[1] = b, corner[2] = a;
-        }
-    }
-    if (m < s->b->count) {
-        uint32_t *corner = &triangles[3 * (*count)++];
-        corner[0] = s->a->vertices[along(s, 0)];
-        corner[1] = s->b->vertices[against(s, m)], corner[2] = s->b->vertices[against(s, 0)];
-    }
-    return true;
-}
-
 // Sews loops of different components that follow each other. `mesh` gets their triangles.
 static bool sew_loops(pci_scratch *scratch, double reach, pc_mesh *mesh, bool *sewn) {
-    loop *loops = NULL;
+    pci_loop *loops = NULL;
+    uint32_t *components = NULL;
     size_t count = 0, most = mesh->triangle_count, triangles = mesh->triangle_count;
-    if (!list_loops(scratch, mesh, &loops, &count)) {
+    if (!list_loops(scratch, mesh, &loops, &count, &components)) {
         return false;
     }
     for (size_t i = 0; i < count; ++i) {
         most += loops[i].count + 1;
     }
     uint32_t *corners = PCI_SCRATCH(scratch, uint32_t, 3 * most);
-    if (corners == NULL) {
+    uint8_t *done = PCI_SCRATCH(scratch, uint8_t, count);
+    if (scratch->failed) {
         return false;
     }
     memcpy(corners, mesh->triangles, 3 * triangles * sizeof(*corners));
     for (size_t i = 0; i < count; ++i) {
-        for (size_t j = 0; j < count && !loops[i].sewn; ++j) {
-            seam s;
-            if (loops[j].sewn || loops[i].component == loops[j].component ||
-                (loops[i].count + 1) * (loops[j].count + 1) > most_rungs ||
-                !find_seam(&loops[i], &loops[j], reach, &s)) {
+        for (size_t j = 0; j < count && !done[i]; ++j) {
+            pci_seam s;
+            if (done[j] || components[i] == components[j] ||
+                !pci_find_seam(&loops[i], &loops[j], reach, &s)) {
                 continue;
             }
             if (!pci_keep_going(scratch->context) ||
-                !close_seam(scratch, &s, corners, &triangles)) {
+                !pci_close_seam(scratch, &s, corners, &triangles)) {
                 return false;
             }
-            loops[i].sewn = loops[j].sewn = true;
+            done[i] = done[j] = 1;
         }
     }
     *sewn = triangles > mesh->triangle_count;

@@ -3,6 +3,7 @@
 #include "core/heap.h"
 #include "geometry/locality.h"
 #include "geometry/topology.h"
+#include "stages/simplify/pleats.h"
 
 // Fine vertices per cluster: with fewer the centroids are coarse, with more nothing changes.
 static const size_t samples_per_cluster = PCI_EFFORT(16, 4);
@@ -169,8 +170,11 @@ bool pci_sampling_begin(pci_scratch *scratch, const pc_mesh *layer, size_t verti
     if (scratch->failed) {
         return false;
     }
-    const pc_mesh mesh = {nv, s->mesh.positions, s->mesh.triangle_count, s->mesh.corners};
+    pc_mesh mesh = {nv, s->mesh.positions, s->mesh.triangle_count, s->mesh.corners};
     pci_vertex_normals(&mesh, s->normals);
+    if (!pci_flatten_pleats(scratch, even_spacing(&s->mesh, NULL, vertices), &mesh, s->normals)) {
+        return false;
+    }
     for (size_t t = 0; t < mesh.triangle_count; ++t) {
         const double area = pci_triangle_area(&mesh, t);
         s->total += area;

@@ -7,7 +7,7 @@
 
 static const char stage[] = "skin";
 
-enum { SWEEPS = 3 }; // per round, each there and back
+enum { SWEEPS = 2 }; // per round, each there and back
 _Static_assert(PCI_SKIN_PATCH % PCI_SKIN_GROUP == 0, "the rows of a group follow one another");
 
 static const double sample_rounds = 0.75; // of the rounds at most

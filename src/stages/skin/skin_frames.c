@@ -341,8 +341,9 @@ typedef struct driver_job {
 // at rest, which adds no gradient.
 static void fill_bone(const pci_skin_frames *w, const uint32_t *frames, size_t bone, void *driver) {
     const size_t per_bone = 3 * (size_t)w->data.columns;
-    double rows[3 * PCI_SKIN_COLUMNS_MAX * PCI_BLOCK], map[3 * PCI_SKIN_COLUMNS_MAX] = {0};
+    double rows[3 * PCI_SKIN_COLUMNS_MAX * PCI_BLOCK];
     for (size_t lane = 0; lane < PCI_BLOCK; ++lane) {
+        double map[3 * PCI_SKIN_COLUMNS_MAX] = {0};
         const uint32_t frame = frames[lane];
         if (frame != PC_INVALID_INDEX) {
             pci_skin_bone_map(w->problem, w->origin, frame, bone, map);

@@ -1,0 +1,436 @@
+#include "stages/carve/webs.h"
+
+#include "core/core.h"
+#include "core/union_find.h"
+#include "geometry/manifold.h"
+#include "geometry/topology.h"
+#include "stages/carve/seams.h"
+
+enum { grain = 256 };
+
+// A web is farther than this from the cloth, in voxels, and so are parts of it that bridge the gap.
+static const double web_voxels = 0.25;
+// The walls of a gap begin so far from the layer without its webs, in voxels, and end within so
+// many of a web's border.
+static const double wall_voxels = 0.1, seam_voxels = 1.5;
+// Gaps that are nowhere deeper than this are no loss, in voxels.
+static const double least_depth = 0.5;
+
+// ---- patches ------------------------------------------------------------------------------------
+
+// A connected piece of a mesh.
+typedef struct patch {
+    size_t triangles, inner_vertices, loops;
+    pci_loop border; // one of the loops
+    double depth;    // of walls, from the webs
+    bool taken;
+} patch;
+
+typedef struct patches {
+    pc_mesh mesh;        // the marked triangles of another one, in order
+    uint32_t *kept;      // their vertices in that, #V
+    uint32_t *component; // #F
+    size_t count;
+    patch *list; // by component
+} patches;
+
+// V - E + F = 1, with E = (3 F + border) / 2 and as many vertices as edges on the border.
+static bool is_disc(const patch *p) {
+    return p->loops == 1 && 2 * p->inner_vertices + p->border.count == p->triangles + 2;
+}
+
+static patch *patch_of_vertex(const patches *p, const pci_topology *topology, size_t v) {
+    return &p->list[p->component[topology->vertex_triangles[topology->vertex_triangle_offsets[v]]]];
+}
+
+static bool add_loops(pci_scratch *scratch, const patches *p, const pci_topology *topology,
+                      uint8_t *outer) {
+    size_t count = 0, *offsets = NULL;
+    uint32_t *vertices = NULL;
+    if (!pci_boundary_loops(scratch, &p->mesh, topology, &count, &offsets, &vertices)) {
+        return false;
+    }
+    for (size_t i = 0; i < count; ++i) {
+        const uint32_t *first = &vertices[offsets[i]];
+        const size_t length = offsets[i + 1] - offsets[i];
+        patch *owner = patch_of_vertex(p, topology, *first);
+        if (++owner->loops == 1 &&
+            !pci_loop_begin(scratch, &p->mesh, length, first, &owner->border)) {
+            return false;
+        }
+        for (size_t k = 0; k < length; ++k) {
+            outer[first[k]] = 1;
+        }
+    }
+    return true;
+}
+
+// Finds the connected pieces of the marked triangles. `mesh` of the result belongs to the caller.
+// False: out of memory, or cancelled.
+static bool find_patches(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *marked,
+                         patches *p) {
+    pci_topology topology;
+    if (!pci_mesh_compact(scratch, mesh, marked, &p->mesh, &p->kept) ||
+        !pci_topology_build_watched(scratch, &p->mesh, &topology)) {
+        return false;
+    }
+    p->component = PCI_SCRATCH(scratch, uint32_t, p->mesh.triangle_count);
+    uint8_t *outer = PCI_SCRATCH(scratch, uint8_t, p->mesh.vertex_count);
+    if (scratch->failed) {
+        return false;
+    }
+    p->count = pci_triangle_components(scratch, &p->mesh, &topology, p->component);
+    p->list = PCI_SCRATCH(scratch, patch, p->count);
+    if (scratch->failed || !add_loops(scratch, p, &topology, outer)) {
+        return false;
+    }
+    for (size_t t = 0; t < p->mesh.triangle_count; ++t) {
+        ++p->list[p->component[t]].triangles;
+    }
+    for (size_t v = 0; v < p->mesh.vertex_count; ++v) {
+        patch_of_vertex(p, &topology, v)->inner_vertices += !outer[v];
+    }
+    return true;
+}
+
+// ---- webs ---------------------------------------------------------------------------------------
+
+typedef struct away_job {
+    const pci_bvh *cloth;
+    const pc_mesh *layer;
+    double reach;
+    uint8_t *away; // #F
+} away_job;
+
+static void mark_away(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const away_job *job = user;
+    uint32_t last = PC_INVALID_INDEX;
+    for (size_t t = begin; t < end; ++t) {
+        double middle[3];
+        pci_triangle_middle(job->layer, t, middle);
+        job->away[t] = !pci_bvh_within_near(job->cloth, middle, job->reach, &last);
+    }
+}
+
+bool pci_find_away(pc_context *context, const pci_bvh *cloth, const pc_mesh *layer, double reach,
+                   uint8_t *away) {
+    away_job job = {cloth, layer, reach, away};
+    return pci_parallel_while_wanted(context, layer->triangle_count, grain, mark_away, &job);
+}
+
+// Keeps connected pieces with a bridge only. False: out of memory.
+static bool keep_bridges(pci_scratch *scratch, const pc_mesh *layer, const pci_topology *topology,
+                         const uint8_t *bridges, uint8_t *web) {
+    uint32_t *piece = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
+    uint8_t *bridge = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
+    if (scratch->failed) {
+        return false;
+    }
+    pci_singletons(piece, layer->triangle_count);
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        const size_t first = topology->edge_triangle_offsets[e];
+        const uint32_t *sides = &topology->edge_triangles[first];
+        if (topology->edge_triangle_offsets[e + 1] - first == 2 && web[sides[0]] && web[sides[1]]) {
+            pci_unite(piece, sides[0], sides[1]);
+        }
+    }
+    for (uint32_t t = 0; t < layer->triangle_count; ++t) {
+        bridge[pci_find_root(piece, t)] |= bridges[t];
+    }
+    for (uint32_t t = 0; t < layer->triangle_count; ++t) {
+        web[t] = web[t] && bridge[pci_find_root(piece, t)];
+    }
+    return true;
+}
+
+static void mark_corners(const pc_mesh *layer, const uint8_t *web, uint8_t *corners) {
+    for (size_t i = 0; i < 3 * layer->triangle_count; ++i) {
+        corners[layer->triangles[i]] |= web[i / 3];
+    }
+}
+
+// Adds a ring of triangles, so that the border lies on the cloth. `corners` (#V) receives the
+// vertices of the result.
+static void widen(const pc_mesh *layer, uint8_t *web, uint8_t *corners) {
+    mark_corners(layer, web, corners);
+    for (size_t t = 0; t < layer->triangle_count; ++t) {
+        const uint32_t *corner = &layer->triangles[3 * t];
+        web[t] = corners[corner[0]] || corners[corner[1]] || corners[corner[2]];
+    }
+    mark_corners(layer, web, corners);
+}
+
+// What touches the border of the layer is no web between two walls.
+static bool leave_border(pci_scratch *scratch, const pc_mesh *layer, const pci_topology *topology,
+                         patches *webs) {
+    uint8_t *border = PCI_SCRATCH(scratch, uint8_t, layer->vertex_count);
+    for (size_t e = 0; e < topology->edge_count && border != NULL; ++e) {
+        if (topology->edge_triangle_offsets[e + 1] - topology->edge_triangle_offsets[e] == 1) {
+            border[topology->edges[2 * e]] = border[topology->edges[2 * e + 1]] = 1;
+        }
+    }
+    for (size_t i = 0; i < 3 * webs->mesh.triangle_count && border != NULL; ++i) {
+        patch *p = &webs->list[webs->component[i / 3]];
+        p->taken = p->taken || border[webs->kept[webs->mesh.triangles[i]]];
+    }
+    return border != NULL;
+}
+
+// ---- walls --------------------------------------------------------------------------------------
+
+typedef struct beyond_job {
+    const pci_bvh *rest_bvh;
+    const pc_mesh *rest, *projected;
+    const uint8_t *border; // #V of `rest`: next to a web
+    const uint8_t *kept;
+    double reach;
+    bool loosely;    // a triangle at the border will do
+    uint8_t *beyond; // #F of `projected`
+} beyond_job;
+
+// Marks what goes on beyond the border of a web: that is what is closest to it.
+static void find_beyond(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const beyond_job *job = user;
+    uint32_t last = PC_INVALID_INDEX;
+    for (size_t t = begin; t < end; ++t) {
+        if (job->kept[t]) {
+            continue;
+        }
+        double middle[3];
+        pci_triangle_middle(job->projected, t, middle);
+        const pci_closest closest = pci_bvh_closest_near(job->rest_bvh, middle, last);
+        const uint32_t *corner = &job->rest->triangles[3 * (size_t)closest.triangle];
+        last = closest.triangle;
+        bool inside = false, near = false;
+        for (size_t c = 0; c < 3; ++c) {
+            inside = inside || (closest.barycentric[c] > 0.0 && !job->border[corner[c]]);
+            near = near || job->border[corner[c]];
+        }
+        job->beyond[t] = closest.distance > job->reach && (job->loosely ? near : !inside);
+    }
+}
+
+// The other side of the projected mesh that goes on beyond the borders of webs.
+// @param corners  #V of `layer`, vertices of webs
+static pc_status find_walls(pci_scratch *scratch, const char *stage, const pc_mesh *layer,
+                            const uint8_t *web, const uint8_t *corners, const pc_mesh *projected,
+                            const uint8_t *kept, double reach, bool loosely, patches *walls) {
+    pc_context *context = scratch->context;
+    pc_mesh rest = {0};
+    pci_bvh *bvh = NULL;
+    uint32_t *vertices = NULL;
+    uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
+    for (size_t t = 0; t < layer->triangle_count && keep != NULL; ++t) {
+        keep[t] = !web[t];
+    }
+    if (keep == NULL || !pci_mesh_compact(scratch, layer, keep, &rest, &vertices)) {
+        return pci_fail_memory(context, stage);
+    }
+    uint8_t *border = PCI_SCRATCH(scratch, uint8_t, rest.vertex_count);
+    uint8_t *beyond = PCI_SCRATCH(scratch, uint8_t, projected->triangle_count);
+    for (size_t v = 0; v < rest.vertex_count && !scratch->failed; ++v) {
+        border[v] = corners[vertices[v]];
+    }
+    pc_status status = scratch->failed ? pci_fail_memory(context, stage)
+                                       : pci_bvh_create(context, stage, &rest, &bvh);
+    if (status == PC_OK) {
+        beyond_job job = {bvh, &rest, projected, border, kept, reach, loosely, beyond};
+        const bool done =
+            pci_parallel_while_wanted(context, projected->triangle_count, grain, find_beyond, &job);
+        status = done && find_patches(scratch, projected, beyond, walls)
+                     ? PC_OK
+                     : pci_fail_memory(context, stage);
+    }
+    pci_bvh_destroy(context, bvh);
+    pc_mesh_free(context, &rest);
+    return status;
+}
+
+static pc_status measure_depths(pci_scratch *scratch, const char *stage, const pc_mesh *webs,
+                                patches *walls) {
+    pci_bvh *bvh = NULL;
+    const pc_status status = pci_bvh_create(scratch->context, stage, webs, &bvh);
+    uint32_t last = PC_INVALID_INDEX;
+    for (size_t t = 0; t < walls->mesh.triangle_count && status == PC_OK; ++t) {
+        double middle[3];
+        pci_triangle_middle(&walls->mesh, t, middle);
+        const pci_closest closest = pci_bvh_closest_near(bvh, middle, last);
+        patch *wall = &walls->list[walls->component[t]];
+        wall->depth = fmax(wall->depth, closest.distance);
+        last = closest.triangle;
+    }
+    pci_bvh_destroy(scratch->context, bvh);
+    return status;
+}
+
+// ---- replacement --------------------------------------------------------------------------------
+
+typedef struct mending {
+    patches *webs, *walls;
+    size_t first_wall; // number of the first vertex of the walls
+    size_t count;
+    uint32_t *triangles; // of seams and walls; they face like the webs
+} mending;
+
+// A loop with other numbers for its vertices.
+static bool renumber(pci_scratch *scratch, const uint32_t *numbers, size_t first, pci_loop *loop) {
+    uint32_t *vertices = PCI_SCRATCH(scratch, uint32_t, loop->count);
+    for (size_t i = 0; i < loop->count && vertices != NULL; ++i) {
+        const uint32_t v = loop->vertices[i];
+        vertices[i] = numbers != NULL ? numbers[v] : (uint32_t)(first + v);
+    }
+    loop->vertices = vertices;
+    return vertices != NULL;
+}
+
+static bool sew_wall(pci_scratch *scratch, mending *m, const patch *web, size_t wall,
+                     const pci_seam *found) {
+    pci_loop a = web->border, b = m->walls->list[wall].border;
+    pci_seam seam = *found;
+    seam.a = &a;
+    seam.b = &b;
+    if (!renumber(scratch, m->webs->kept, 0, &a) || !renumber(scratch, NULL, m->first_wall, &b) ||
+        !pci_close_seam(scratch, &seam, m->triangles, &m->count)) {
+        return false;
+    }
+    for (size_t t = 0; t < m->walls->mesh.triangle_count; ++t) {
+        if (m->walls->component[t] != wall) {
+            continue;
+        }
+        for (size_t c = 0; c < 3; ++c) {
+            m->triangles[3 * m->count + c] =
+                (uint32_t)(m->first_wall + m->walls->mesh.triangles[3 * t + c]);
+        }
+        ++m->count;
+    }
+    return true;
+}
+
+// Looks for the walls of the gap that a web bridges. False: out of memory, or cancelled.
+static bool mend(pci_scratch *scratch, mending *m, double reach, patch *web, bool *mended) {
+    for (size_t i = 0; i < m->walls->count; ++i) {
+        patch *wall = &m->walls->list[i];
+        pci_seam seam;
+        if (!wall->taken && is_disc(wall) &&
+            pci_find_seam(&web->border, &wall->border, reach, &seam) &&
+            seam.steps == wall->border.count) {
+            *mended = wall->taken = true;
+            return pci_keep_going(scratch->context) && sew_wall(scratch, m, web, i, &seam);
+        }
+    }
+    return true;
+}
+
+// The layer with what was sewn in the place of mended webs.
+static bool assemble(pci_scratch *scratch, const pc_mesh *layer, const uint8_t *web,
+                     const bool *mended, const mending *m, pc_mesh *result) {
+    const pc_mesh *walls = &m->walls->mesh;
+    pc_mesh sum = {.vertex_count = m->first_wall + walls->vertex_count};
+    sum.positions = PCI_SCRATCH(scratch, double, 3 * sum.vertex_count);
+    sum.triangles = PCI_SCRATCH(scratch, uint32_t, 3 * (layer->triangle_count + m->count));
+    if (scratch->failed) {
+        return false;
+    }
+    memcpy(sum.positions, layer->positions, 3 * m->first_wall * sizeof(double));
+    memcpy(&sum.positions[3 * m->first_wall], walls->positions,
+           3 * walls->vertex_count * sizeof(double));
+    for (size_t t = 0, i = 0; t < layer->triangle_count; ++t) {
+        if (!web[t] || !mended[m->webs->component[i++]]) {
+            memcpy(&sum.triangles[3 * sum.triangle_count++], &layer->triangles[3 * t],
+                   3 * sizeof(uint32_t));
+        }
+    }
+    for (size_t t = 0; t < m->count; ++t) {
+        const uint32_t *corner = &m->triangles[3 * t];
+        uint32_t *turned = &sum.triangles[3 * sum.triangle_count++];
+        turned[0] = corner[0], turned[1] = corner[2], turned[2] = corner[1];
+    }
+    pci_repair_counts counts;
+    return pci_mesh_repair(scratch, &sum, NULL, result, &counts);
+}
+
+// Takes the mended layer if it has the shape of the other.
+static bool take_mended(pci_scratch *scratch, pc_mesh *mended, pc_mesh *layer) {
+    pci_shape before, after;
+    if (!pci_find_shape(scratch, layer, &before) || !pci_find_shape(scratch, mended, &after)) {
+        return false;
+    }
+    if (before.components == after.components && before.boundary_loops == after.boundary_loops &&
+        before.euler == after.euler) {
+        const pc_mesh swapped = *layer;
+        *layer = *mended;
+        *mended = swapped;
+    }
+    return true;
+}
+
+static bool replace_webs(pci_scratch *scratch, const uint8_t *web, patches *webs, patches *walls,
+                         double reach, pc_mesh *layer) {
+    mending m = {.webs = webs, .walls = walls, .first_wall = layer->vertex_count};
+    size_t most = walls->mesh.triangle_count;
+    for (size_t i = 0; i < webs->count; ++i) {
+        most += webs->list[i].border.count;
+    }
+    for (size_t i = 0; i < walls->count; ++i) {
+        most += walls->list[i].border.count;
+    }
+    bool *mended = PCI_SCRATCH(scratch, bool, webs->count);
+    m.triangles = PCI_SCRATCH(scratch, uint32_t, 3 * most);
+    for (size_t i = 0; i < webs->count && !scratch->failed; ++i) {
+        patch *p = &webs->list[i];
+        if (!p->taken && is_disc(p) && !mend(scratch, &m, reach, p, &mended[i])) {
+            return false;
+        }
+    }
+    if (scratch->failed || m.count == 0) {
+        return !scratch->failed;
+    }
+    pc_mesh result = {0};
+    const bool done =
+        assemble(scratch, layer, web, mended, &m, &result) && take_mended(scratch, &result, layer);
+    pc_mesh_free(scratch->context, &result);
+    return done;
+}
+
+pc_status pci_mend_webs(pci_scratch *scratch, const char *stage, const pci_bvh *cloth,
+                        const pc_mesh *projected, const uint8_t *kept, const uint8_t *bridges,
+                        double cell_size, bool loosely, pc_mesh *layer) {
+    pc_context *context = scratch->context;
+    pci_topology topology;
+    patches webs = {0}, walls = {0};
+    uint8_t *web = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
+    uint8_t *corners = PCI_SCRATCH(scratch, uint8_t, layer->vertex_count);
+    if (scratch->failed || !pci_topology_build_edges(scratch, layer, &topology) ||
+        !pci_find_away(context, cloth, layer, web_voxels * cell_size, web) ||
+        !keep_bridges(scratch, layer, &topology, bridges, web)) {
+        return pci_fail_memory(context, stage);
+    }
+    widen(layer, web, corners);
+    if (memchr(web, 0, layer->triangle_count) == NULL ||
+        memchr(web, 1, layer->triangle_count) == NULL) {
+        return PC_OK;
+    }
+    pc_status status =
+        find_patches(scratch, layer, web, &webs) && leave_border(scratch, layer, &topology, &webs)
+            ? PC_OK
+            : pci_fail_memory(context, stage);
+    if (status == PC_OK) {
+        status = find_walls(scratch, stage, layer, web, corners, projected, kept,
+                            wall_voxels * cell_size, loosely, &walls);
+    }
+    if (status == PC_OK) {
+        status = measure_depths(scratch, stage, &webs.mesh, &walls);
+    }
+    for (size_t i = 0; i < walls.count && status == PC_OK; ++i) {
+        walls.list[i].taken = walls.list[i].depth < least_depth * cell_size;
+    }
+    if (status == PC_OK &&
+        !replace_webs(scratch, web, &webs, &walls, seam_voxels * cell_size, layer)) {
+        status = pci_fail_memory(context, stage);
+    }
+    pc_mesh_free(context, &webs.mesh);
+    pc_mesh_free(context, &walls.mesh);
+    return status;
+}

@@ -1,0 +1,30 @@
+// Webs: where the voxels bridge a gap between two sides of a sheet, as between two legs below the
+// crotch, or between a sleeve and the body.
+#ifndef PCI_WEBS_H
+#define PCI_WEBS_H
+
+#include "geometry/bvh.h"
+
+// Marks the triangles whose middles are farther than `reach` from the cloth in `away` (#F of
+// `layer`). False: out of memory, or cancelled.
+bool pci_find_away(pc_context *context, const pci_bvh *cloth, const pc_mesh *layer, double reach,
+                   uint8_t *away);
+
+// Takes the walls of the gap in the place of a web, where these are one piece of the other side of
+// the projected mesh that ends along the web's border. All of this is done or nothing: the layer's
+// components and loops stay.
+// @param cloth      what `layer` is a layer of
+// @param projected  closed
+// @param kept       #F of `projected`, what the layer was made of
+// @param bridges    #F of `layer`, triangles that are away from the cloth; webs are around these
+// @param loosely    walls may begin a triangle before the border: those of narrow legs have few
+//                   triangles, which cut corners
+// @param layer      manifold and consistently oriented, like `projected`; it stays so
+// @return PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_TOO_LARGE;
+//         PC_ERROR_CANCELLED.
+PC_NODISCARD pc_status pci_mend_webs(pci_scratch *scratch, const char *stage, const pci_bvh *cloth,
+                                     const pc_mesh *projected, const uint8_t *kept,
+                                     const uint8_t *bridges, double cell_size, bool loosely,
+                                     pc_mesh *layer);
+
+#endif

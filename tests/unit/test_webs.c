@@ -1,0 +1,93 @@
+// Garments whose legs stand closer than the voxels can tell.
+#include "support/test.h"
+
+#include "geometry/bvh.h"
+#include "geometry/topology.h"
+#include "stages/carve/webs.h"
+#include "support/wardrobe.h"
+
+// An overall without sleeves. Its legs begin side by side, `radius` wide, and end `apart` from each
+// other.
+static pc_mesh sew_overall(pc_context *context, double radius, double apart) {
+    const double x = radius + 0.005, foot = radius + 0.5 * apart;
+    const sew_limb limbs[] = {SEW_TORSO(0.0),
+                              SEW_NECK(0.0),
+                              {{x, 0.9, 0.0}, radius, {foot, 0.1, 0.0}, radius},
+                              {{-x, 0.9, 0.0}, radius, {-foot, 0.1, 0.0}, radius}};
+    static const sew_cut cuts[] = {
+        SEW_ABOVE(1.45),
+        SEW_BELOW(0.15),
+        {.at = {0.19, 1.28, 0.0}, .size = {0.07, 0.08, 0.3}},
+        {.at = {-0.19, 1.28, 0.0}, .size = {0.07, 0.08, 0.3}},
+    };
+    return sew_dress_up(context, limbs, 4, 0.02, cuts, 4, 1.0);
+}
+
+// The labelled layer at the defaults.
+static void run_to_layer(pc_context *context, const pc_mesh *mesh, pc_asset *asset) {
+    const pc_visual_arrays arrays = {.vertex_count = mesh->vertex_count,
+                                     .positions = mesh->positions,
+                                     .triangle_count = mesh->triangle_count,
+                                     .triangles = mesh->triangles};
+    pc_options options = pc_default_options();
+    options.carve.layer_source = PC_LAYER_LABELS;
+    assert_ok(context, pc_visual_create(context, &arrays, &asset->visual, &asset->reports.visual));
+    for (pc_stage stage = 0; stage <= PC_STAGE_CARVE; ++stage) {
+        assert_ok(context, pc_run_stage(context, stage, &options, asset, NULL));
+    }
+    assert_int_equal(asset->reports.carve.components, 1);
+    assert_int_equal(asset->reports.carve.boundary_loops, 5);
+}
+
+// The share of the layer that is more than half a voxel away from the cloth.
+static double bridged_share(pc_context *context, const pc_asset *asset) {
+    const pc_mesh *layer = &asset->single_layer;
+    pci_bvh *bvh = NULL;
+    uint8_t *away = calloc(layer->triangle_count, 1);
+    assert_non_null(away);
+    assert_ok(context, pci_bvh_create(context, "test", &asset->visual.surface, &bvh));
+    assert_true(pci_find_away(context, bvh, layer, 0.5 * asset->grid.cell_size, away));
+    double sum = 0.0;
+    for (size_t t = 0; t < layer->triangle_count; ++t) {
+        sum += away[t] ? pci_triangle_area(layer, t) : 0.0;
+    }
+    pci_bvh_destroy(context, bvh);
+    free(away);
+    return sum / pc_mesh_area(layer);
+}
+
+static void parts_legs_up_to_the_crotch(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    static const double radii[] = {0.1, 0.12}, apart[] = {0.2, 0.3};
+    for (size_t i = 0; i < 4; ++i) {
+        pc_mesh mesh = sew_overall(context, radii[i / 2], apart[i % 2]);
+        pc_asset asset = {0};
+        run_to_layer(context, &mesh, &asset);
+        assert_true(bridged_share(context, &asset) < 0.0005);
+        pc_asset_free(context, &asset);
+        pc_mesh_free(context, &mesh);
+    }
+    pc_context_destroy(context);
+}
+
+// The voxels fill these legs: there are no walls to take, and the openings stay.
+static void leaves_filled_legs_alone(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    pc_mesh mesh = sew_overall(context, 0.08, 0.2);
+    pc_asset asset = {0};
+    run_to_layer(context, &mesh, &asset);
+    assert_true(bridged_share(context, &asset) > 0.005);
+    pc_asset_free(context, &asset);
+    pc_mesh_free(context, &mesh);
+    pc_context_destroy(context);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(parts_legs_up_to_the_crotch),
+        cmocka_unit_test(leaves_filled_legs_alone),
+    };
+    return cmocka_run_group_tests_name("webs", tests, NULL, NULL);
+}

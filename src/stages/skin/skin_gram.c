@@ -29,7 +29,7 @@ static void add_products(void *user, size_t begin, size_t end, uint32_t worker) 
 static void fill_rows(const pci_skin_frames *w, size_t frame, double *rows) {
     const pci_skin_problem *p = w->problem;
     const size_t columns = w->data.columns, size = p->proxy_count * columns;
-    double map[3 * PCI_SKIN_COLUMNS_MAX], mean[3] = {0};
+    double map[3 * PCI_SKIN_COLUMNS_MAX] = {0}, mean[3] = {0};
     for (size_t b = 0; b < p->proxy_count; ++b) {
         pci_skin_bone_map(p, w->origin, frame, b, map);
         for (size_t c = 0; c < 3; ++c) {

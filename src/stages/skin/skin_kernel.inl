@@ -323,7 +323,7 @@ static __attribute__((noinline)) void NAME(find_again)(const NAME(fit) * f, cons
     const VEC one = (VEC){0} + (REAL)1;
     const VEC d[3] = {SELECT(about_y | about_z, -one, one), SELECT(about_z | about_x, -one, one),
                       SELECT(about_x | about_y, -one, one)};
-    VEC half_turned[9], found[9];
+    VEC half_turned[9] = {{0}}, found[9];
     for (size_t k = 0; k < 9; ++k) {
         half_turned[k] = s[k] * d[k % 3];
     }

@@ -6,8 +6,17 @@ static inline bool any_bit(const void *mask) {
     return (words[0] | words[1]) != 0;
 }
 
-#if !defined(__FP_FAST_FMAF)
 typedef float four_floats __attribute__((vector_size(16)));
+
+#if defined(__FP_FAST_FMAF)
+static inline __attribute__((always_inline)) four_floats
+fused_floats(four_floats sum, four_floats x, four_floats y) {
+    for (size_t k = 0; k < 4; ++k) {
+        sum[k] = fmaf(x[k], y[k], sum[k]);
+    }
+    return sum;
+}
+#else
 typedef float two_floats __attribute__((vector_size(8)));
 typedef double two_doubles __attribute__((vector_size(16)));
 typedef uint64_t two_words __attribute__((vector_size(16)));
@@ -42,17 +51,13 @@ fused_floats(four_floats sum, four_floats x, four_floats y) {
 #define ROWS    multiply_rows_generic
 #include "stages/skin/skin_rows.inl"
 
-#define REAL      float
-#define INTEGER   int32_t
-#define LANES     4
-#define ANY(mask) any_bit(&(mask))
-#define NAME(x)   x##_generic_float
-#define EACH_ROOT sqrtf
-#if defined(__FP_FAST_FMAF)
-#define EACH_FMA fmaf
-#else
-#define FUSED(sum, x, y) ((VEC)fused_floats((four_floats)(sum), (four_floats)(x), (four_floats)(y)))
-#endif
+#define REAL                float
+#define INTEGER             int32_t
+#define LANES               4
+#define ANY(mask)           any_bit(&(mask))
+#define NAME(x)             x##_generic_float
+#define EACH_ROOT           sqrtf
+#define FUSED(sum, x, y)    ((VEC)fused_floats((four_floats)(sum), (four_floats)(x), (four_floats)(y)))
 #define LENGTH_TOLERANCE    1e-20
 #define STEP_TOLERANCE      1e-5
 #define CURVATURE_TOLERANCE 1e-5

@@ -280,14 +280,21 @@ static pc_status mend_bridges(pci_scratch *scratch, const pci_bvh *cloth, const 
     if (kept == NULL || !find_bridges(scratch, cloth, layer, cell_size, &bridges, share)) {
         return pci_fail_memory(scratch->context, stage);
     }
-    double left = *share;
-    pc_status status = PC_OK;
-    for (int loosely = 0; loosely < 2 && left > 0.0 && status == PC_OK; ++loosely) {
-        status = pci_mend_webs(scratch, stage, cloth, projected, kept, bridges, cell_size,
-                               loosely != 0, layer);
-        if (status == PC_OK && !find_bridges(scratch, cloth, layer, cell_size, &bridges, &left)) {
-            status = pci_fail_memory(scratch->context, stage);
-        }
+    if (*share == 0.0) {
+        return PC_OK;
+    }
+    bool mended = false;
+    double left = 0.0;
+    pc_status status = pci_mend_webs(scratch, stage, cloth, projected, kept, bridges, cell_size,
+                                     true, layer, &mended);
+    if (status == PC_OK && mended) {
+        status = find_bridges(scratch, cloth, layer, cell_size, &bridges, &left)
+                     ? PC_OK
+                     : pci_fail_memory(scratch->context, stage);
+    }
+    if (status == PC_OK && left > 0.0) {
+        status = pci_mend_webs(scratch, stage, cloth, projected, kept, bridges, cell_size, false,
+                               layer, &mended);
     }
     return status;
 }

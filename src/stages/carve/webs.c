@@ -161,9 +161,10 @@ static void widen(const pc_mesh *layer, uint8_t *web, uint8_t *corners) {
     mark_corners(layer, web, corners);
 }
 
-// What touches the border of the layer is no web between two walls.
-static bool leave_border(pci_scratch *scratch, const pc_mesh *layer, const pci_topology *topology,
-                         patches *webs) {
+// What touches the border of the layer is no web between two walls, nor is what is no disc. Whether
+// others are left: `some`.
+static bool leave_others(pci_scratch *scratch, const pc_mesh *layer, const pci_topology *topology,
+                         patches *webs, bool *some) {
     uint8_t *border = PCI_SCRATCH(scratch, uint8_t, layer->vertex_count);
     for (size_t e = 0; e < topology->edge_count && border != NULL; ++e) {
         if (topology->edge_triangle_offsets[e + 1] - topology->edge_triangle_offsets[e] == 1) {
@@ -174,10 +175,18 @@ static bool leave_border(pci_scratch *scratch, const pc_mesh *layer, const pci_t
         patch *p = &webs->list[webs->component[i / 3]];
         p->taken = p->taken || border[webs->kept[webs->mesh.triangles[i]]];
     }
+    for (size_t i = 0; i < webs->count; ++i) {
+        webs->list[i].taken = webs->list[i].taken || !is_disc(&webs->list[i]);
+        *some = *some || !webs->list[i].taken;
+    }
     return border != NULL;
 }
 
 // ---- walls --------------------------------------------------------------------------------------
+
+// Whether a triangle goes on beyond the border of a web: triangles with a corner on the border are
+// closest to it, or only points on the border are.
+enum { NOT_BEYOND, LOOSELY, STRICTLY };
 
 typedef struct beyond_job {
     const pci_bvh *rest_bvh;
@@ -185,11 +194,9 @@ typedef struct beyond_job {
     const uint8_t *border; // #V of `rest`: next to a web
     const uint8_t *kept;
     double reach;
-    bool loosely;    // a triangle at the border will do
     uint8_t *beyond; // #F of `projected`
 } beyond_job;
 
-// Marks what goes on beyond the border of a web: that is what is closest to it.
 static void find_beyond(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const beyond_job *job = user;
@@ -208,15 +215,18 @@ static void find_beyond(void *user, size_t begin, size_t end, uint32_t worker) {
             inside = inside || (closest.barycentric[c] > 0.0 && !job->border[corner[c]]);
             near = near || job->border[corner[c]];
         }
-        job->beyond[t] = closest.distance > job->reach && (job->loosely ? near : !inside);
+        job->beyond[t] = closest.distance <= job->reach || !near ? NOT_BEYOND
+                         : inside                                ? LOOSELY
+                                                                 : STRICTLY;
     }
 }
 
-// The other side of the projected mesh that goes on beyond the borders of webs.
+// How the other side of the projected mesh goes on beyond the borders of webs: `beyond`, #F of it.
 // @param corners  #V of `layer`, vertices of webs
-static pc_status find_walls(pci_scratch *scratch, const char *stage, const pc_mesh *layer,
-                            const uint8_t *web, const uint8_t *corners, const pc_mesh *projected,
-                            const uint8_t *kept, double reach, bool loosely, patches *walls) {
+static pc_status measure_beyond(pci_scratch *scratch, const char *stage, const pc_mesh *layer,
+                                const uint8_t *web, const uint8_t *corners,
+                                const pc_mesh *projected, const uint8_t *kept, double reach,
+                                uint8_t *beyond) {
     pc_context *context = scratch->context;
     pc_mesh rest = {0};
     pci_bvh *bvh = NULL;
@@ -229,19 +239,17 @@ static pc_status find_walls(pci_scratch *scratch, const char *stage, const pc_me
         return pci_fail_memory(context, stage);
     }
     uint8_t *border = PCI_SCRATCH(scratch, uint8_t, rest.vertex_count);
-    uint8_t *beyond = PCI_SCRATCH(scratch, uint8_t, projected->triangle_count);
     for (size_t v = 0; v < rest.vertex_count && !scratch->failed; ++v) {
         border[v] = corners[vertices[v]];
     }
     pc_status status = scratch->failed ? pci_fail_memory(context, stage)
                                        : pci_bvh_create(context, stage, &rest, &bvh);
     if (status == PC_OK) {
-        beyond_job job = {bvh, &rest, projected, border, kept, reach, loosely, beyond};
-        const bool done =
-            pci_parallel_while_wanted(context, projected->triangle_count, grain, find_beyond, &job);
-        status = done && find_patches(scratch, projected, beyond, walls)
-                     ? PC_OK
-                     : pci_fail_memory(context, stage);
+        beyond_job job = {bvh, &rest, projected, border, kept, reach, beyond};
+        status =
+            pci_parallel_while_wanted(context, projected->triangle_count, grain, find_beyond, &job)
+                ? PC_OK
+                : pci_fail_memory(context, stage);
     }
     pci_bvh_destroy(context, bvh);
     pc_mesh_free(context, &rest);
@@ -351,8 +359,8 @@ static bool assemble(pci_scratch *scratch, const pc_mesh *layer, const uint8_t *
     return pci_mesh_repair(scratch, &sum, NULL, result, &counts);
 }
 
-// Takes the mended layer if it has the shape of the other.
-static bool take_mended(pci_scratch *scratch, pc_mesh *mended, pc_mesh *layer) {
+// Takes the mended layer if it has the shape of the other: `taken`.
+static bool take_mended(pci_scratch *scratch, pc_mesh *mended, pc_mesh *layer, bool *taken) {
     pci_shape before, after;
     if (!pci_find_shape(scratch, layer, &before) || !pci_find_shape(scratch, mended, &after)) {
         return false;
@@ -361,12 +369,13 @@ static bool take_mended(pci_scratch *scratch, pc_mesh *mended, pc_mesh *layer) {
         const pc_mesh swapped = *layer;
         *layer = *mended;
         *mended = swapped;
+        *taken = true;
     }
     return true;
 }
 
 static bool replace_webs(pci_scratch *scratch, const uint8_t *web, patches *webs, patches *walls,
-                         double reach, pc_mesh *layer) {
+                         double reach, pc_mesh *layer, bool *taken) {
     mending m = {.webs = webs, .walls = walls, .first_wall = layer->vertex_count};
     size_t most = walls->mesh.triangle_count;
     for (size_t i = 0; i < webs->count; ++i) {
@@ -379,7 +388,7 @@ static bool replace_webs(pci_scratch *scratch, const uint8_t *web, patches *webs
     m.triangles = PCI_SCRATCH(scratch, uint32_t, 3 * most);
     for (size_t i = 0; i < webs->count && !scratch->failed; ++i) {
         patch *p = &webs->list[i];
-        if (!p->taken && is_disc(p) && !mend(scratch, &m, reach, p, &mended[i])) {
+        if (!p->taken && !mend(scratch, &m, reach, p, &mended[i])) {
             return false;
         }
     }
@@ -387,20 +396,46 @@ static bool replace_webs(pci_scratch *scratch, const uint8_t *web, patches *webs
         return !scratch->failed;
     }
     pc_mesh result = {0};
-    const bool done =
-        assemble(scratch, layer, web, mended, &m, &result) && take_mended(scratch, &result, layer);
+    const bool done = assemble(scratch, layer, web, mended, &m, &result) &&
+                      take_mended(scratch, &result, layer, taken);
     pc_mesh_free(scratch->context, &result);
     return done;
 }
 
+// Takes walls that are at least so much beyond the border.
+static pc_status try_walls(pci_scratch *scratch, const char *stage, const pc_mesh *projected,
+                           const uint8_t *beyond, uint8_t least, const uint8_t *web, patches *webs,
+                           double cell_size, pc_mesh *layer, bool *mended) {
+    patches walls = {0};
+    uint8_t *marked = PCI_SCRATCH(scratch, uint8_t, projected->triangle_count);
+    for (size_t t = 0; t < projected->triangle_count && marked != NULL; ++t) {
+        marked[t] = beyond[t] >= least;
+    }
+    pc_status status = marked != NULL && find_patches(scratch, projected, marked, &walls)
+                           ? measure_depths(scratch, stage, &webs->mesh, &walls)
+                           : pci_fail_memory(scratch->context, stage);
+    for (size_t i = 0; i < walls.count && status == PC_OK; ++i) {
+        walls.list[i].taken = walls.list[i].depth < least_depth * cell_size;
+    }
+    if (status == PC_OK &&
+        !replace_webs(scratch, web, webs, &walls, seam_voxels * cell_size, layer, mended)) {
+        status = pci_fail_memory(scratch->context, stage);
+    }
+    pc_mesh_free(scratch->context, &walls.mesh);
+    return status;
+}
+
 pc_status pci_mend_webs(pci_scratch *scratch, const char *stage, const pci_bvh *cloth,
                         const pc_mesh *projected, const uint8_t *kept, const uint8_t *bridges,
-                        double cell_size, bool loosely, pc_mesh *layer) {
+                        double cell_size, bool strictly, pc_mesh *layer, bool *mended) {
     pc_context *context = scratch->context;
     pci_topology topology;
-    patches webs = {0}, walls = {0};
+    patches webs = {0};
     uint8_t *web = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
     uint8_t *corners = PCI_SCRATCH(scratch, uint8_t, layer->vertex_count);
+    uint8_t *beyond = PCI_SCRATCH(scratch, uint8_t, projected->triangle_count);
+    bool some = false;
+    *mended = false;
     if (scratch->failed || !pci_topology_build_edges(scratch, layer, &topology) ||
         !pci_find_away(context, cloth, layer, web_voxels * cell_size, web) ||
         !keep_bridges(scratch, layer, &topology, bridges, web)) {
@@ -411,25 +446,19 @@ pc_status pci_mend_webs(pci_scratch *scratch, const char *stage, const pci_bvh *
         memchr(web, 1, layer->triangle_count) == NULL) {
         return PC_OK;
     }
-    pc_status status =
-        find_patches(scratch, layer, web, &webs) && leave_border(scratch, layer, &topology, &webs)
-            ? PC_OK
-            : pci_fail_memory(context, stage);
-    if (status == PC_OK) {
-        status = find_walls(scratch, stage, layer, web, corners, projected, kept,
-                            wall_voxels * cell_size, loosely, &walls);
+    pc_status status = find_patches(scratch, layer, web, &webs) &&
+                               leave_others(scratch, layer, &topology, &webs, &some)
+                           ? PC_OK
+                           : pci_fail_memory(context, stage);
+    if (status == PC_OK && some) {
+        status = measure_beyond(scratch, stage, layer, web, corners, projected, kept,
+                                wall_voxels * cell_size, beyond);
     }
-    if (status == PC_OK) {
-        status = measure_depths(scratch, stage, &webs.mesh, &walls);
-    }
-    for (size_t i = 0; i < walls.count && status == PC_OK; ++i) {
-        walls.list[i].taken = walls.list[i].depth < least_depth * cell_size;
-    }
-    if (status == PC_OK &&
-        !replace_webs(scratch, web, &webs, &walls, seam_voxels * cell_size, layer)) {
-        status = pci_fail_memory(context, stage);
+    for (uint8_t least = strictly ? STRICTLY : LOOSELY;
+         least >= LOOSELY && some && !*mended && status == PC_OK; --least) {
+        status = try_walls(scratch, stage, projected, beyond, least, web, &webs, cell_size, layer,
+                           mended);
     }
     pc_mesh_free(context, &webs.mesh);
-    pc_mesh_free(context, &walls.mesh);
     return status;
 }

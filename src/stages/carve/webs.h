@@ -17,14 +17,15 @@ bool pci_find_away(pc_context *context, const pci_bvh *cloth, const pc_mesh *lay
 // @param projected  closed
 // @param kept       #F of `projected`, what the layer was made of
 // @param bridges    #F of `layer`, triangles that are away from the cloth; webs are around these
-// @param loosely    walls may begin a triangle before the border: those of narrow legs have few
-//                   triangles, which cut corners
+// @param strictly   walls begin at the border if there are such; else, or where there are none, a
+//                   triangle before it: those of narrow legs have few triangles, which cut corners
 // @param layer      manifold and consistently oriented, like `projected`; it stays so
+// @param mended     whether it has changed
 // @return PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_TOO_LARGE;
 //         PC_ERROR_CANCELLED.
 PC_NODISCARD pc_status pci_mend_webs(pci_scratch *scratch, const char *stage, const pci_bvh *cloth,
                                      const pc_mesh *projected, const uint8_t *kept,
-                                     const uint8_t *bridges, double cell_size, bool loosely,
-                                     pc_mesh *layer);
+                                     const uint8_t *bridges, double cell_size, bool strictly,
+                                     pc_mesh *layer, bool *mended);
 
 #endif

@@ -16,10 +16,10 @@ static const double width_share = 0.5;
 typedef struct smoothing {
     const pci_topology *topology;
     size_t count;
-    double scale;         // 1 / (1.5 e^2)
-    double square;        // of the length over which normals are averaged
-    const double *widths; // #V
-    double *once;         // W^4 K x
+    double scale;            // 1 / (1.5 e^2)
+    double square;           // of the length over which normals are averaged
+    const double *strengths; // #V, fourth powers of the widths
+    double *once;            // W^4 K x
 } smoothing;
 
 static void apply_laplacian(const smoothing *s, const double *x, double *out) {
@@ -46,7 +46,7 @@ static void flatten(void *user, const double *x, double *out) {
     const smoothing *s = user;
     apply_laplacian(s, x, s->once);
     for (size_t v = 0; v < s->count; ++v) {
-        s->once[v] *= pow(s->widths[v], 4.0);
+        s->once[v] *= s->strengths[v];
     }
     apply_laplacian(s, s->once, out);
     for (size_t v = 0; v < s->count; ++v) {
@@ -111,7 +111,8 @@ static bool find_cosines(pci_scratch *scratch, smoothing *s, const double *norma
 static bool run(pci_scratch *scratch, double spacing, pc_mesh *mesh, double *normals) {
     pci_topology topology;
     const size_t n = mesh->vertex_count;
-    double *work = PCI_SCRATCH(scratch, double, 4 * n), *widths = PCI_SCRATCH(scratch, double, n);
+    double *work = PCI_SCRATCH(scratch, double, 4 * n),
+           *strengths = PCI_SCRATCH(scratch, double, n);
     smoothing s = {.topology = &topology, .count = n, .square = spacing * spacing};
     s.once = PCI_SCRATCH(scratch, double, n);
     if (scratch->failed || !pci_topology_build(scratch, mesh, &topology)) {
@@ -122,15 +123,15 @@ static bool run(pci_scratch *scratch, double spacing, pc_mesh *mesh, double *nor
         return true;
     }
     s.scale = 1.0 / (1.5 * square);
-    s.widths = widths;
-    if (!find_cosines(scratch, &s, normals, widths, work)) {
+    s.strengths = strengths;
+    if (!find_cosines(scratch, &s, normals, strengths, work)) {
         return false;
     }
     double sum = 0.0;
     for (size_t v = 0; v < n; ++v) {
-        sum += widths[v];
-        const double share = (flat_cosine - widths[v]) / (flat_cosine - lost_cosine);
-        widths[v] = width_share * spacing * fmin(fmax(share, 0.0), 1.0);
+        sum += strengths[v]; // still the cosines
+        const double share = (flat_cosine - strengths[v]) / (flat_cosine - lost_cosine);
+        strengths[v] = pow(width_share * spacing * fmin(fmax(share, 0.0), 1.0), 4.0);
     }
     if (sum > pleated_cosine * (double)n) {
         return true;

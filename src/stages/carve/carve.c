@@ -271,17 +271,13 @@ static bool find_bridges(pci_scratch *scratch, const pci_bvh *cloth, const pc_me
     return true;
 }
 
-// Mends what webs it can; `share` receives the share of the layer that bridged gaps before.
+// Mends what webs it can: the layer keeps its shape.
 static pc_status mend_bridges(pci_scratch *scratch, const pci_bvh *cloth, const pc_mesh *projected,
-                              const uint8_t *labels, double cell_size, pc_mesh *layer,
-                              double *share) {
+                              const uint8_t *labels, double cell_size, uint8_t *bridges,
+                              pc_mesh *layer) {
     const uint8_t *kept = kept_triangles(scratch, projected, labels);
-    uint8_t *bridges = NULL;
-    if (kept == NULL || !find_bridges(scratch, cloth, layer, cell_size, &bridges, share)) {
+    if (kept == NULL) {
         return pci_fail_memory(scratch->context, stage);
-    }
-    if (*share == 0.0) {
-        return PC_OK;
     }
     bool mended = false;
     double left = 0.0;
@@ -299,18 +295,14 @@ static pc_status mend_bridges(pci_scratch *scratch, const pci_bvh *cloth, const 
     return status;
 }
 
-// The labelled side of the projected mesh, cut along the outline. `bridges` receives the share of
-// it that bridged gaps.
-static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
+// The labelled side of the projected mesh, cut along the outline. @param visual  tree of `cloth`
+static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *cloth, const pci_bvh *visual,
                                 const pc_mesh *projected, const uint8_t *labels, double cell_size,
-                                const pc_carve_options *options, pc_mesh *layer, double *bridges,
-                                double *boundary, pc_carve_report *report) {
+                                const pc_carve_options *options, pc_mesh *layer,
+                                pc_carve_report *report) {
     pci_knn rims = {0};
-    pci_bvh *visual = NULL;
-    pc_status status = pci_bvh_create(scratch->context, stage, cloth, &visual);
-    if (status == PC_OK) {
-        status = find_rims(scratch, cloth, visual, cell_size, &rims);
-    }
+    report->source = PC_LAYER_LABELS;
+    pc_status status = find_rims(scratch, cloth, visual, cell_size, &rims);
     if (status == PC_OK) {
         status = extract(scratch, cloth, visual, &rims, projected, labels, cell_size, options,
                          layer, report);
@@ -323,15 +315,8 @@ static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *surface, co
     if (status == PC_OK && options->snap_border) {
         status = pci_snap_border(scratch->context, stage, cloth, visual, cell_size, layer);
     }
-    if (status == PC_OK) {
-        status = cut(scratch, cloth, visual, &rims, cell_size, options, layer, report);
-    }
-    if (status == PC_OK) {
-        status = mend_bridges(scratch, visual, projected, labels, cell_size, layer, bridges);
-    }
-    pci_bvh_destroy(scratch->context, visual);
-    report->source = PC_LAYER_LABELS;
-    return status == PC_OK ? measure(scratch, surface, layer, cell_size, report, boundary) : status;
+    return status == PC_OK ? cut(scratch, cloth, visual, &rims, cell_size, options, layer, report)
+                           : status;
 }
 
 // The labelled triangles of the projected mesh; may be none.
@@ -371,7 +356,7 @@ static pc_status take_visual(pci_scratch *scratch, const pc_mesh *surface, const
 static pc_status try_tailoring(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
                                double thickness, const pc_mesh *projected, const uint8_t *labels,
                                double cell_size, double boundary, pc_mesh *layer,
-                               pc_carve_report *report) {
+                               pc_carve_report *report, bool *taken) {
     pc_mesh side = {0}, sewn = {0};
     pc_carve_report other = {.source = PC_LAYER_VISUAL};
     pc_status status = labelled_side(scratch, projected, labels, &side);
@@ -384,13 +369,12 @@ static pc_status try_tailoring(pci_scratch *scratch, const pc_mesh *surface, con
     if (status == PC_OK && sewn.triangle_count > 0) {
         status = measure_shape(scratch, &sewn, &other, &length);
     }
-    const bool taken = status == PC_OK && other.components == report->components &&
-                       other.boundary_loops == report->boundary_loops &&
-                       length <= most_boundary * boundary;
-    if (taken) {
+    *taken = status == PC_OK && other.components == report->components &&
+             other.boundary_loops == report->boundary_loops && length <= most_boundary * boundary;
+    if (*taken) {
         status = measure_coverage(scratch, surface, &sewn, cell_size, &other.coverage);
     }
-    if (taken && status == PC_OK) {
+    if (*taken && status == PC_OK) {
         pc_mesh_free(scratch->context, layer);
         *layer = sewn;
         *report = other;
@@ -411,6 +395,69 @@ static bool may_be_tailored(pci_scratch *scratch, const pc_mesh *cloth,
     return parts <= most_parts;
 }
 
+// What stands in for the labelled layer where it bridges gaps: the cloth made one sheet, or itself
+// with the gaps' walls.
+static pc_status bridge_gaps(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
+                             const pci_bvh *visual, double thickness, const pc_mesh *projected,
+                             const uint8_t *labels, double cell_size, double boundary,
+                             const pc_carve_options *options, pc_mesh *layer,
+                             pc_carve_report *report) {
+    uint8_t *bridges = NULL;
+    double share = 0.0;
+    bool taken = false;
+    pc_status status = find_bridges(scratch, visual, layer, cell_size, &bridges, &share)
+                           ? PC_OK
+                           : pci_fail_memory(scratch->context, stage);
+    if (status == PC_OK && share > most_bridges && may_be_tailored(scratch, cloth, options)) {
+        status = try_tailoring(scratch, surface, cloth, thickness, projected, labels, cell_size,
+                               boundary, layer, report, &taken);
+    }
+    if (status != PC_OK || taken) {
+        return status;
+    }
+    if (share > 0.0) {
+        status = mend_bridges(scratch, visual, projected, labels, cell_size, bridges, layer);
+    }
+    return status == PC_OK ? measure(scratch, surface, layer, cell_size, report, &boundary)
+                           : status;
+}
+
+// The labelled layer, unless another one is better. Shapes are compared before anything is done
+// that keeps them. @param folded  the cloth as it is, if it is a folded sheet; may become the layer
+static pc_status labelled_or_other(pci_scratch *scratch, const pc_mesh *surface,
+                                   const pc_mesh *cloth, double thickness, const pc_mesh *projected,
+                                   const uint8_t *labels, double cell_size,
+                                   const pc_carve_options *options, uint64_t filled,
+                                   pc_mesh *folded, pc_mesh *layer, pc_carve_report *report) {
+    pci_bvh *visual = NULL;
+    pc_carve_report other = {0};
+    double boundary = 0.0, length = 0.0;
+    bool better = false;
+    pc_status status = pci_bvh_create(scratch->context, stage, cloth, &visual);
+    if (status == PC_OK) {
+        status = labelled_layer(scratch, cloth, visual, projected, labels, cell_size, options,
+                                layer, report);
+    }
+    if (status == PC_OK) {
+        status = measure_shape(scratch, layer, report, &boundary);
+    }
+    if (status == PC_OK && folded->triangle_count > 0) {
+        status = measure_shape(scratch, folded, &other, &length);
+        better = status == PC_OK && (other.components != report->components ||
+                                     other.boundary_loops != report->boundary_loops);
+    }
+    if (status == PC_OK && !better) {
+        status = bridge_gaps(scratch, surface, cloth, visual, thickness, projected, labels,
+                             cell_size, boundary, options, layer, report);
+        better = status == PC_OK && folded->triangle_count > 0 &&
+                 report->source == PC_LAYER_LABELS && report->coverage < least_coverage;
+    }
+    pci_bvh_destroy(scratch->context, visual);
+    return status == PC_OK && better ? take_visual(scratch, surface, projected, labels, cell_size,
+                                                   filled, folded, layer, report)
+                                     : status;
+}
+
 static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
                               double thickness, const pc_mesh *projected, const uint8_t *labels,
                               double cell_size, const pc_carve_options *options, pc_mesh *layer,
@@ -418,7 +465,6 @@ static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface, cons
     const bool always = options->layer_source == PC_LAYER_VISUAL;
     pci_layering layering = PCI_LAYERED;
     uint64_t filled = 0;
-    double bridges = 0.0, boundary = 0.0, length = 0.0;
     pc_mesh visual = {0};
     pc_status status = PC_OK;
     if (options->layer_source != PC_LAYER_LABELS) {
@@ -433,25 +479,10 @@ static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface, cons
                            report);
     }
     if (status == PC_OK) {
-        status = labelled_layer(scratch, surface, cloth, projected, labels, cell_size, options,
-                                layer, &bridges, &boundary, report);
-    }
-    if (status == PC_OK && layering == PCI_FOLDED) {
-        pc_carve_report other = {0};
-        status = measure_shape(scratch, &visual, &other, &length);
-        if (status == PC_OK &&
-            (other.components != report->components ||
-             other.boundary_loops != report->boundary_loops || report->coverage < least_coverage)) {
-            status = take_visual(scratch, surface, projected, labels, cell_size, filled, &visual,
-                                 layer, report);
-        }
+        status = labelled_or_other(scratch, surface, cloth, thickness, projected, labels, cell_size,
+                                   options, filled, &visual, layer, report);
     }
     pc_mesh_free(scratch->context, &visual);
-    if (status == PC_OK && report->source == PC_LAYER_LABELS && bridges > most_bridges &&
-        may_be_tailored(scratch, cloth, options)) {
-        status = try_tailoring(scratch, surface, cloth, thickness, projected, labels, cell_size,
-                               boundary, layer, report);
-    }
     return status;
 }
 

@@ -62,9 +62,8 @@ const pc_record pc_carve_report_record = PCI_RECORD(report_fields, pc_carve_repo
 static const double least_coverage = 0.99;
 // What the visual mesh covers is within this many voxels of the layer.
 static const double covered_voxels = 2.0;
-// Where a layer bridges a gap it is farther than this from the cloth, in voxels; so much of its
-// area may do so.
-static const double bridge_voxels = 0.5, most_bridges = 0.005;
+// So much of a layer's area may bridge gaps.
+static const double most_bridges = 0.005;
 // What is taken instead may have so many times the boundary: a front that opens has more.
 static const double most_boundary = 1.5;
 // An outfit has a few parts that are worn over each other; patterns have more panels.
@@ -255,17 +254,16 @@ static pc_status cut(pci_scratch *scratch, const pc_mesh *cloth, const pci_bvh *
 // The projected mesh lies on the cloth but where the voxels bridge a gap. `share` receives such
 // triangles' share of the layer's area.
 static bool find_bridges(pci_scratch *scratch, const pci_bvh *cloth, const pc_mesh *layer,
-                         double cell_size, uint8_t **bridges, double *share) {
-    *bridges = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
-    if (*bridges == NULL ||
-        !pci_find_away(scratch->context, cloth, layer, bridge_voxels * cell_size, *bridges)) {
+                         double cell_size, uint8_t **away, double *share) {
+    *away = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
+    if (*away == NULL || !pci_find_away(scratch->context, cloth, layer, cell_size, *away)) {
         return false;
     }
     double total = 0.0, sum = 0.0;
     for (size_t t = 0; t < layer->triangle_count; ++t) {
         const double area = pci_triangle_area(layer, t);
         total += area;
-        sum += (*bridges)[t] ? area : 0.0;
+        sum += (*away)[t] == PCI_BRIDGE ? area : 0.0;
     }
     *share = total > 0.0 ? sum / total : 0.0;
     return true;
@@ -273,7 +271,7 @@ static bool find_bridges(pci_scratch *scratch, const pci_bvh *cloth, const pc_me
 
 // Mends what webs it can: the layer keeps its shape.
 static pc_status mend_bridges(pci_scratch *scratch, const pci_bvh *cloth, const pc_mesh *projected,
-                              const uint8_t *labels, double cell_size, uint8_t *bridges,
+                              const uint8_t *labels, double cell_size, uint8_t *away,
                               pc_mesh *layer) {
     const uint8_t *kept = kept_triangles(scratch, projected, labels);
     if (kept == NULL) {
@@ -281,16 +279,16 @@ static pc_status mend_bridges(pci_scratch *scratch, const pci_bvh *cloth, const 
     }
     bool mended = false;
     double left = 0.0;
-    pc_status status = pci_mend_webs(scratch, stage, cloth, projected, kept, bridges, cell_size,
-                                     true, layer, &mended);
+    pc_status status =
+        pci_mend_webs(scratch, stage, projected, kept, away, cell_size, true, layer, &mended);
     if (status == PC_OK && mended) {
-        status = find_bridges(scratch, cloth, layer, cell_size, &bridges, &left)
+        status = find_bridges(scratch, cloth, layer, cell_size, &away, &left)
                      ? PC_OK
                      : pci_fail_memory(scratch->context, stage);
     }
     if (status == PC_OK && left > 0.0) {
-        status = pci_mend_webs(scratch, stage, cloth, projected, kept, bridges, cell_size, false,
-                               layer, &mended);
+        status =
+            pci_mend_webs(scratch, stage, projected, kept, away, cell_size, false, layer, &mended);
     }
     return status;
 }
@@ -402,10 +400,10 @@ static pc_status bridge_gaps(pci_scratch *scratch, const pc_mesh *surface, const
                              const uint8_t *labels, double cell_size, double boundary,
                              const pc_carve_options *options, pc_mesh *layer,
                              pc_carve_report *report) {
-    uint8_t *bridges = NULL;
+    uint8_t *away = NULL;
     double share = 0.0;
     bool taken = false;
-    pc_status status = find_bridges(scratch, visual, layer, cell_size, &bridges, &share)
+    pc_status status = find_bridges(scratch, visual, layer, cell_size, &away, &share)
                            ? PC_OK
                            : pci_fail_memory(scratch->context, stage);
     if (status == PC_OK && share > most_bridges && may_be_tailored(scratch, cloth, options)) {
@@ -416,7 +414,7 @@ static pc_status bridge_gaps(pci_scratch *scratch, const pc_mesh *surface, const
         return status;
     }
     if (share > 0.0) {
-        status = mend_bridges(scratch, visual, projected, labels, cell_size, bridges, layer);
+        status = mend_bridges(scratch, visual, projected, labels, cell_size, away, layer);
     }
     return status == PC_OK ? measure(scratch, surface, layer, cell_size, report, &boundary)
                            : status;

@@ -307,8 +307,8 @@ static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *cloth, cons
     }
     if (status == PC_OK) {
         bool peeled = false;
-        status = pci_peel_linings(scratch, stage, both_sides_reach * cell_size, least_both_sides,
-                                  layer, &peeled);
+        status = pci_peel_linings(scratch, stage, NULL, both_sides_reach * cell_size,
+                                  least_both_sides, layer, &peeled);
     }
     if (status == PC_OK && options->snap_border) {
         status = pci_snap_border(scratch->context, stage, cloth, visual, cell_size, layer);

@@ -130,9 +130,10 @@ static pci_layering classify(probe *p) {
 }
 
 // @param reach  at least this `share` of the vertices of `surface` must be so near to the layer
+// @param tree   receives the layer's, or stays NULL; NULL: not wanted
 static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
                          const pc_mesh *layer, double thickness, double cell_size, double reach,
-                         double share, pci_layering *layering) {
+                         double share, pci_layering *layering, pci_bvh **tree) {
     pc_context *context = scratch->context;
     pci_topology topology;
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
@@ -157,7 +158,11 @@ static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh 
     const bool done =
         pci_parallel_while_wanted(context, layer->triangle_count, grain, look_around, &p) &&
         pci_parallel_while_wanted(context, surface->vertex_count, grain, find_missed, &cover);
-    pci_bvh_destroy(context, bvh);
+    if (tree != NULL) {
+        *tree = bvh;
+    } else {
+        pci_bvh_destroy(context, bvh);
+    }
     if (!done) {
         return pci_fail_memory(context, stage);
     }
@@ -199,8 +204,8 @@ pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mes
     *layering = PCI_LAYERED;
     pc_status status = begin_layer(scratch, stage, cloth, cell_size, layer, filled_loops);
     if (status == PC_OK && layer->triangle_count > 0 && !always) {
-        status =
-            measure(scratch, stage, surface, layer, thickness, cell_size, cell_size, 1.0, layering);
+        status = measure(scratch, stage, surface, layer, thickness, cell_size, cell_size, 1.0,
+                         layering, NULL);
     }
     if (status != PC_OK || (*layering == PCI_LAYERED && !always)) {
         pc_mesh_free(scratch->context, layer);
@@ -209,18 +214,19 @@ pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mes
 }
 
 // Hems and collars that are turned over make a second ply: without them the layer may be plain.
+// `tree`: of the layer, or NULL.
 static pc_status try_peeling(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
-                             double thickness, double cell_size, double reach, pc_mesh *layer,
-                             pci_layering *layering) {
+                             const pci_bvh *tree, double thickness, double cell_size, double reach,
+                             pc_mesh *layer, pci_layering *layering) {
     bool peeled = false;
     pc_mesh rest = {0};
     pci_layering without = PCI_LAYERED;
     pc_status status = pci_mesh_compact(scratch, layer, NULL, &rest, NULL)
-                           ? pci_peel_linings(scratch, stage, cell_size, 0.0, &rest, &peeled)
+                           ? pci_peel_linings(scratch, stage, tree, cell_size, 0.0, &rest, &peeled)
                            : pci_fail_memory(scratch->context, stage);
     if (status == PC_OK && peeled) {
         status = measure(scratch, stage, surface, &rest, thickness, cell_size, reach, least_covered,
-                         &without);
+                         &without, NULL);
     }
     if (status == PC_OK && without == PCI_PLAIN) {
         const pc_mesh swapped = *layer;
@@ -237,6 +243,7 @@ pc_status pci_tailored_layer(pci_scratch *scratch, const char *stage, const pc_m
                              double cell_size, pc_mesh *layer, uint64_t *filled_loops) {
     pci_layering layering = PCI_LAYERED;
     bool sewn = false;
+    pci_bvh *tree = NULL;
     pc_status status = begin_layer(scratch, stage, cloth, cell_size, layer, filled_loops);
     if (status == PC_OK && layer->triangle_count > 0) {
         status = pci_face_like(scratch, stage, side, facing_stride, layer);
@@ -247,12 +254,13 @@ pc_status pci_tailored_layer(pci_scratch *scratch, const char *stage, const pc_m
     const double reach = (sewn ? sewing_voxels : lining_voxels) * cell_size;
     if (status == PC_OK && layer->triangle_count > 0) {
         status = measure(scratch, stage, surface, layer, thickness, cell_size, reach, least_covered,
-                         &layering);
+                         &layering, &tree);
     }
     if (status == PC_OK && layering != PCI_PLAIN && layer->triangle_count > 0) {
-        status =
-            try_peeling(scratch, stage, surface, thickness, cell_size, reach, layer, &layering);
+        status = try_peeling(scratch, stage, surface, tree, thickness, cell_size, reach, layer,
+                             &layering);
     }
+    pci_bvh_destroy(scratch->context, tree);
     if (status != PC_OK || !(layering == PCI_PLAIN || (layering == PCI_FOLDED && sewn))) {
         pc_mesh_free(scratch->context, layer);
     }

@@ -382,7 +382,7 @@ static pc_status take_visual(pci_scratch *scratch, const pc_mesh *surface, const
     }
     pc_status status = labelled_side(scratch, projected, labels, &side);
     if (status == PC_OK && side.triangle_count > 0) {
-        status = pci_face_like(scratch, stage, &side, 1, layer);
+        status = pci_face_like(scratch, stage, &side, layer);
     }
     pc_mesh_free(context, &side);
     return status == PC_OK ? measure(scratch, surface, layer, cell_size, report, &boundary)

@@ -432,7 +432,11 @@ static bool find_regions(cutting *c, const pci_knn *focus, const pci_knn *closer
     // Finer than an eighth of a voxel there is nothing to see, and a layer that runs near the
     // threshold everywhere would be refined everywhere.
     const double shortest = c->least->fineness * fmax(c->threshold, 0.25 * c->cell_size);
-    *o = (pci_isoline){.visual = c->visual, .focus = focus, .closer = closer, .reach = reach};
+    *o = (pci_isoline){.visual = c->visual,
+                       .focus = focus,
+                       .closer = closer,
+                       .reach = reach,
+                       .coarse = shortest >= 2.0 * c->threshold};
     if (!pci_isoline_refine(scratch, layer, c->threshold, shortest, o)) {
         return false;
     }

@@ -292,15 +292,14 @@ static void compare_facing(void *user, size_t begin, size_t end, uint32_t worker
 
 pc_status pci_face_like(pci_scratch *scratch, const char *stage, const pc_mesh *reference,
                         pc_mesh *layer) {
-    pci_topology topology;
     pci_bvh *bvh = NULL;
     double *votes = PCI_SCRATCH(scratch, double, layer->triangle_count);
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
     uint32_t *asked = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
-    if (scratch->failed || !pci_topology_build_edges(scratch, layer, &topology)) {
+    if (scratch->failed) {
         return pci_fail_memory(scratch->context, stage);
     }
-    const size_t count = pci_triangle_components(scratch, layer, &topology, component);
+    const size_t count = pci_manifold_components(scratch, layer, component);
     double *sums = PCI_SCRATCH(scratch, double, count);
     size_t *met = PCI_SCRATCH(scratch, size_t, count), asked_count = 0;
     if (scratch->failed) {

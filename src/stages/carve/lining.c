@@ -11,6 +11,9 @@
 
 enum { grain = 256 };
 
+// One in so many triangles tells whether it is worth while to ask all.
+enum { few = 8 };
+
 // Pieces that are tried one by one where they cannot go together.
 enum { most_pieces = 16 };
 
@@ -30,6 +33,7 @@ typedef struct lining {
     pci_topology topology;
     double reach;
     const pci_bvh *bvh;
+    size_t stride; // one in so many triangles is asked for its mates
     size_t component_count;
     uint32_t *component; // #F
     double *normals;     // #F by 3, unit or zero
@@ -58,7 +62,8 @@ static uint32_t find_mate(const lining *l, size_t t, double side) {
 static void find_mates(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     lining *l = user;
-    for (size_t t = begin; t < end; ++t) {
+    for (size_t i = begin; i < end; ++i) {
+        const size_t t = l->stride * i;
         double *normal = &l->normals[3 * t];
         l->mates[2 * t] = l->mates[2 * t + 1] = PC_INVALID_INDEX;
         pci_triangle_vector(l->mesh, t, normal);
@@ -342,10 +347,17 @@ static bool cut(const lining *l, uint8_t *keep, pc_mesh *kept) {
     return !some || take(l, tried, &wanted, kept);
 }
 
-// The share of the area that has a ply behind or before it.
+// Asks one in `stride` triangles. False: out of memory, or cancelled.
+static bool find_all_mates(lining *l, size_t stride) {
+    l->stride = stride;
+    return pci_parallel_while_wanted(
+        l->scratch->context, (l->mesh->triangle_count + stride - 1) / stride, grain, find_mates, l);
+}
+
+// The share of the area that has a ply behind or before it, of the triangles that were asked.
 static double doubled_share(const lining *l) {
     double total = 0.0, doubled = 0.0;
-    for (size_t t = 0; t < l->mesh->triangle_count; ++t) {
+    for (size_t t = 0; t < l->mesh->triangle_count; t += l->stride) {
         const double area = pci_triangle_area(l->mesh, t);
         const bool alone =
             l->mates[2 * t] == PC_INVALID_INDEX && l->mates[2 * t + 1] == PC_INVALID_INDEX;
@@ -398,14 +410,19 @@ pc_status pci_peel_linings(pci_scratch *scratch, const char *stage, const pci_bv
         return status;
     }
     l.bvh = bvh != NULL ? bvh : own;
-    const bool done =
-        pci_parallel_while_wanted(context, mesh->triangle_count, grain, find_mates, &l);
-    pci_bvh_destroy(context, own);
-    if (!done) {
-        return pci_fail_memory(context, stage);
+    bool done = true, doubled = true;
+    if (least_share > 0.0 &&
+        mesh->triangle_count >= few * grain) { // of small ones chance would tell
+        done = find_all_mates(&l, few);
+        doubled = done && doubled_share(&l) >= 0.5 * least_share;
     }
-    if (doubled_share(&l) < least_share) {
-        return PC_OK;
+    if (doubled) {
+        done = find_all_mates(&l, 1);
+        doubled = done && doubled_share(&l) >= least_share;
+    }
+    pci_bvh_destroy(context, own);
+    if (!done || !doubled) {
+        return done ? PC_OK : pci_fail_memory(context, stage);
     }
     status = peel(&l, stage, &kept);
     *peeled = status == PC_OK && kept.triangle_count > 0;

@@ -22,6 +22,7 @@ const regress_measure regress_measures[REGRESS_MEASURES] = {
     {MEASURE(nonmanifold_vertices), WORSE_IF_HIGHER, 0.0, 0.0},
     {MEASURE(self_intersections), WORSE_IF_HIGHER, 0.0, 0.0},
     {MEASURE(doubled_area), WORSE_IF_HIGHER, 2e-3, 0.0},
+    {MEASURE(doubled_layers), WORSE_IF_HIGHER, 2e-3, 0.0},
     {MEASURE(hausdorff), WORSE_IF_HIGHER, 2e-3, 0.05},
     {MEASURE(boundary_to_opening_mean), WORSE_IF_HIGHER, 2e-3, 0.05},
     {MEASURE(opening_to_boundary_mean), WORSE_IF_HIGHER, 2e-3, 0.05},

@@ -4,15 +4,13 @@
 #include "core/union_find.h"
 #include "geometry/bvh.h"
 #include "geometry/crossing.h"
+#include "geometry/doubling.h"
 #include "geometry/hausdorff.h"
 #include "geometry/hems.h"
 #include "geometry/topology.h"
 
 static const char stage[] = "evaluate";
 
-#define SAMPLE_COUNT       PCI_EFFORT(4096, 32) // of the doubled area: standard error below .8 %
-#define DOUBLED_REACH      2.0                  // voxels of D / 32, the paper's resolution
-#define DOUBLED_COSINE     0.8 // layers whose normals differ by less than 37 degrees
 #define DISTANCE_TOLERANCE PCI_EFFORT(1e-4, 0.05)  // of the diagonal
 #define CURVE_PIECES       PCI_EFFORT(500.0, 10.0) // along a diagonal
 
@@ -33,6 +31,10 @@ static const pc_field measure_fields[] = {
     NUMBER(doubled_area, "",
            "Share of the proxy's area with a second, nearly parallel layer within 1/16 of the "
            "visual mesh's longest side"),
+    NUMBER(
+        doubled_layers, "",
+        "Share of the proxy's area with a second layer so close over the same sheet of the visual "
+        "mesh; sheets less than 1/32 of its longest side apart are one"),
     DEFECT(self_intersections, "Pairs of triangles that cross", "the proxy crosses itself"),
     NUMBER(hausdorff, "diagonal", "Two-sided Hausdorff distance"),
     NUMBER(hausdorff_visual_to_proxy, "diagonal",
@@ -204,110 +206,6 @@ cleanup:
     return status;
 }
 
-// ---- doubled layers ---------------------------------------------------------------------------
-
-typedef struct sampling {
-    const pc_mesh *mesh;
-    const pci_bvh *bvh;
-    const double *areas; // summed up to and with each triangle
-    double reach;
-    uint8_t *doubled; // per sample
-} sampling;
-
-typedef struct layer_filter {
-    const pc_mesh *mesh;
-    uint32_t triangle;
-    double normal[3];
-} layer_filter;
-
-static bool unit_normal(const pc_mesh *mesh, size_t triangle, double normal[3]) {
-    const uint32_t *corner = &mesh->triangles[3 * triangle];
-    double ab[3], ac[3];
-    pci_sub(&mesh->positions[3 * (size_t)corner[1]], &mesh->positions[3 * (size_t)corner[0]], ab);
-    pci_sub(&mesh->positions[3 * (size_t)corner[2]], &mesh->positions[3 * (size_t)corner[0]], ac);
-    pci_cross(ab, ac, normal);
-    return pci_normalize(normal);
-}
-
-// Accepts triangles of another layer: apart from the sampled one, and nearly parallel to it.
-static bool is_other_layer(void *user, const pci_hit *hit) {
-    const layer_filter *filter = user;
-    const uint32_t *a = &filter->mesh->triangles[3 * (size_t)filter->triangle];
-    const uint32_t *b = &filter->mesh->triangles[3 * (size_t)hit->triangle];
-    for (size_t i = 0; i < 3; ++i) {
-        if (a[i] == b[0] || a[i] == b[1] || a[i] == b[2]) {
-            return false;
-        }
-    }
-    double normal[3];
-    return unit_normal(filter->mesh, hit->triangle, normal) &&
-           fabs(pci_dot(normal, filter->normal)) > DOUBLED_COSINE;
-}
-
-// Casts one ray through each sample, from `reach` before to `reach` behind the surface.
-static void cast_samples(void *user, size_t begin, size_t end, uint32_t worker) {
-    sampling *s = user;
-    (void)worker;
-    const double total = s->areas[s->mesh->triangle_count - 1];
-    for (size_t i = begin; i < end; ++i) {
-        // Stratified by area over the triangles, uniform within one.
-        const double target = total * (((double)i + pci_random(0, 0, i)) / SAMPLE_COUNT);
-        size_t low = 0, high = s->mesh->triangle_count - 1;
-        while (low < high) {
-            const size_t middle = (low + high) / 2;
-            if (s->areas[middle] > target) {
-                high = middle;
-            } else {
-                low = middle + 1;
-            }
-        }
-        layer_filter filter = {.mesh = s->mesh, .triangle = (uint32_t)low};
-        if (!unit_normal(s->mesh, low, filter.normal)) {
-            continue;
-        }
-        const double root = sqrt(pci_random(0, 1, i)), along = pci_random(0, 2, i);
-        const double weight[3] = {1.0 - root, root * (1.0 - along), root * along};
-        double origin[3];
-        for (size_t k = 0; k < 3; ++k) {
-            origin[k] = -s->reach * filter.normal[k];
-            for (size_t c = 0; c < 3; ++c) {
-                const size_t v = s->mesh->triangles[3 * low + c];
-                origin[k] += weight[c] * s->mesh->positions[3 * v + k];
-            }
-        }
-        const pci_hit hit = pci_bvh_cast(s->bvh, origin, filter.normal, 0.0, 2.0 * s->reach,
-                                         is_other_layer, &filter);
-        s->doubled[i] = hit.triangle != PC_INVALID_INDEX;
-    }
-}
-
-static pc_status measure_doubled_area(pc_context *context, const pc_mesh *proxy, const pci_bvh *bvh,
-                                      double reach, double *doubled_area) {
-    pci_scratch scratch = pci_scratch_begin(context);
-    double *areas = PCI_SCRATCH(&scratch, double, proxy->triangle_count);
-    uint8_t *doubled = PCI_SCRATCH(&scratch, uint8_t, SAMPLE_COUNT);
-    if (scratch.failed) {
-        pci_scratch_end(&scratch);
-        return pci_fail_memory(context, stage);
-    }
-    double total = 0.0;
-    for (size_t t = 0; t < proxy->triangle_count; ++t) {
-        total += pci_triangle_area(proxy, t);
-        areas[t] = total;
-    }
-    sampling s = {proxy, bvh, areas, reach, doubled};
-    uint32_t count = 0;
-    if (total > 0.0) {
-        pci_parallel_for(context, SAMPLE_COUNT, 128, cast_samples, &s);
-        for (size_t i = 0; i < SAMPLE_COUNT; ++i) {
-            count += doubled[i];
-        }
-    }
-    *doubled_area = (double)count / SAMPLE_COUNT;
-    pci_scratch_end(&scratch);
-    return PC_OK;
-}
-
 // ---- boundaries -------------------------------------------------------------------------------
 
 // Segments with a tree to find the nearest.
@@ -467,6 +365,8 @@ static pc_status measure_space(pc_context *context, const pc_mesh *visual, const
     }
     pci_bvh *visual_bvh = NULL, *proxy_bvh = NULL;
     double there = 0.0, back = 0.0;
+    pci_doubling doubling = {0};
+    const double voxel = longest / 32.0; // at the paper's resolution
     const double tolerance = DISTANCE_TOLERANCE * diagonal;
     pc_status status = pci_bvh_create(context, stage, visual, &visual_bvh);
     if (status == PC_OK) {
@@ -481,13 +381,14 @@ static pc_status measure_space(pc_context *context, const pc_mesh *visual, const
             pci_directed_hausdorff(context, stage, proxy, visual, visual_bvh, tolerance, &back);
     }
     if (status == PC_OK) {
-        status = measure_doubled_area(context, proxy, proxy_bvh, DOUBLED_REACH * longest / 32.0,
-                                      &measures->doubled_area);
+        status =
+            pci_measure_doubling(context, stage, proxy, proxy_bvh, visual_bvh, voxel, &doubling);
     }
     if (status == PC_OK) {
-        status = measure_boundary(context, visual, visual_bvh, proxy, longest / 32.0, diagonal,
-                                  measures);
+        status = measure_boundary(context, visual, visual_bvh, proxy, voxel, diagonal, measures);
     }
+    measures->doubled_area = doubling.close;
+    measures->doubled_layers = doubling.surplus;
     measures->hausdorff_visual_to_proxy = there / diagonal;
     measures->hausdorff_proxy_to_visual = back / diagonal;
     measures->hausdorff = fmax(there, back) / diagonal;

@@ -11,7 +11,13 @@
 ///   side of the visual mesh's box), a triangle that shares no vertex with the sampled one and is
 ///   parallel to it within 37 degrees. A closed shell around thin cloth gives 1, a single layer 0,
 ///   and so do hems and close folds whose walls are neighbours; garments that really lie in two
-///   layers this close, for example a folded shirt, count too. Standard error at most .008.
+///   layers this close, for example a folded shirt, count too, and so do the sides of a thin
+///   sleeve. Standard error at most .008.
+/// - Doubled layers. The part of it in which the proxy has more layers than the garment: along the
+///   same line, one sheet of the visual mesh is nearest to the sample and to another such layer.
+///   Sheets less than D / 32 apart are one, for they are linings and the sides of thick cloth; a
+///   sleeve narrower than that cannot be told from them and counts. The sides of a wider sleeve
+///   give 0, two layers over a single one 1, a proxy of one layer always 0.
 /// - Self-intersections. Pairs that share an edge never count; pairs that share a vertex do when
 ///   they cross beyond it. Touching and coplanar overlap are no crossing.
 /// - Distances. Hausdorff distances between the surfaces, not only their vertices, by branch and
@@ -45,6 +51,7 @@ typedef struct pc_measures {
     uint64_t nonmanifold_edges;    ///< of more than two triangles
     uint64_t nonmanifold_vertices; ///< whose triangles form more than one fan
     double doubled_area;           ///< share of the area with a second layer close by, 0..1
+    double doubled_layers;         ///< the part of it over one sheet of the visual mesh, 0..1
     uint64_t self_intersections;   ///< pairs of triangles that cross
     double hausdorff;              ///< two-sided, over the visual mesh's bounding-box diagonal
     double hausdorff_visual_to_proxy;

@@ -167,17 +167,28 @@ size_t pci_knn_query(const pci_knn *knn, const double query[3], size_t wanted, u
     return s.found;
 }
 
-bool pci_knn_within(const pci_knn *knn, const double query[3], double radius, uint32_t *nearest) {
+static bool is_within(const pci_knn *knn, const double query[3], double radius, bool any,
+                      uint32_t *found) {
     double squared_distance;
-    uint32_t found;
     search s = {.knn = knn,
                 .query = query,
                 .wanted = 1,
                 .excluded = PC_INVALID_INDEX,
                 .bound = radius * radius,
-                .any = nearest == NULL,
-                .indices = nearest != NULL ? nearest : &found,
+                .any = any,
+                .indices = found,
                 .squared_distances = &squared_distance};
     visit(&s, 0, knn->point_count);
     return s.found == 1;
+}
+
+bool pci_knn_within(const pci_knn *knn, const double query[3], double radius, uint32_t *nearest) {
+    uint32_t found;
+    return is_within(knn, query, radius, nearest == NULL, nearest != NULL ? nearest : &found);
+}
+
+bool pci_knn_within_near(const pci_knn *knn, const double query[3], double radius, uint32_t *hint) {
+    return (*hint != PC_INVALID_INDEX &&
+            pci_squared_distance(query, &knn->points[3 * (size_t)*hint]) <= radius * radius) ||
+           is_within(knn, query, radius, true, hint);
 }

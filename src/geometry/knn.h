@@ -25,4 +25,8 @@ size_t pci_knn_query(const pci_knn *knn, const double query[3], size_t wanted, u
 // where there is none. `nearest` NULL: any will do. False: no point is so near.
 bool pci_knn_within(const pci_knn *knn, const double query[3], double radius, uint32_t *nearest);
 
+// Whether a point is within `radius`; `hint`, a point or PC_INVALID_INDEX, is asked before any
+// other, and becomes the one that was found: among neighbours it mostly settles the matter.
+bool pci_knn_within_near(const pci_knn *knn, const double query[3], double radius, uint32_t *hint);
+
 #endif

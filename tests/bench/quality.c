@@ -27,12 +27,12 @@ static bool measure(pc_context *context, const char *path, const pc_options *opt
     } else {
         const pc_measures *m = &result->measures;
         result->gap = asset.reports.label.gap;
-        printf("%-34.34s %5llu %4llu %5llu %5.0f %4llu %4llu %7.4f %4llu %7.4f %7.4f %7.4f %6.2f "
-               "%6.2f %6.2f %8.1e %8.5f %8.5f%s\n",
+        printf("%-34.34s %5llu %4llu %5llu %5.0f %4llu %4llu %7.4f %7.4f %4llu %7.4f %7.4f %7.4f "
+               "%6.2f %6.2f %6.2f %8.1e %8.5f %8.5f%s\n",
                asset.name, (unsigned long long)m->vertices, (unsigned long long)m->components,
                (unsigned long long)m->boundary_loops, m->euler_number,
                (unsigned long long)m->nonmanifold_edges,
-               (unsigned long long)m->nonmanifold_vertices, m->doubled_area,
+               (unsigned long long)m->nonmanifold_vertices, m->doubled_area, m->doubled_layers,
                (unsigned long long)m->self_intersections, m->hausdorff,
                m->hausdorff_visual_to_proxy, m->hausdorff_proxy_to_visual, m->min_angle_mean,
                m->min_angle_sd, m->min_angle_worst, result->gap, result->rigid,
@@ -91,7 +91,7 @@ static int compare_hausdorff(const void *left, const void *right) {
 }
 
 static void summarise(row *rows, size_t count, size_t failed, size_t judged, size_t right) {
-    double components = 0.0, loops = 0.0, doubled = 0.0, hausdorff = 0.0;
+    double components = 0.0, loops = 0.0, doubled = 0.0, layers = 0.0, hausdorff = 0.0;
     double angle = 0.0, deviation = 0.0, worst = INFINITY;
     size_t crossed = 0, better = 0;
     for (size_t i = 0; i < count; ++i) {
@@ -99,6 +99,7 @@ static void summarise(row *rows, size_t count, size_t failed, size_t judged, siz
         components += (double)m->components;
         loops += (double)m->boundary_loops;
         doubled += m->doubled_area;
+        layers += m->doubled_layers;
         hausdorff += m->hausdorff;
         angle += m->min_angle_mean;
         deviation += m->min_angle_sd;
@@ -111,9 +112,10 @@ static void summarise(row *rows, size_t count, size_t failed, size_t judged, siz
         qsort(rows, count, sizeof(*rows), compare_hausdorff);
         const double median =
             0.5 * (rows[(count - 1) / 2].measures.hausdorff + rows[count / 2].measures.hausdorff);
-        printf("\nmeans: components %.3f, loops %.3f, doubled %.4f, HD %.4f (median %.4f, largest "
+        printf("\nmeans: components %.3f, loops %.3f, doubled %.4f, its layers %.4f, HD %.4f "
+               "(median %.4f, largest "
                "%.4f), min angle %.2f, its sd %.2f, smallest angle %.2f\n",
-               components / n, loops / n, doubled / n, hausdorff / n, median,
+               components / n, loops / n, doubled / n, layers / n, hausdorff / n, median,
                rows[count - 1].measures.hausdorff, angle / n, deviation / n, worst);
     }
     printf("%zu garments, %zu failed; with self-intersections %zu, L_r below closest triangle on "
@@ -153,9 +155,9 @@ int main(int argc, char **argv) {
         pc_context_destroy(context);
         return 2;
     }
-    printf("%-34s %5s %4s %5s %5s %4s %4s %7s %4s %7s %7s %7s %6s %6s %6s %8s %8s %8s\n", "garment",
-           "v", "comp", "loops", "euler", "nm_e", "nm_v", "doubled", "self", "HD", "HD v>p",
-           "HD p>v", "angle", "sd", "worst", "gap", "L_r", "closest");
+    printf("%-34s %5s %4s %5s %5s %4s %4s %7s %7s %4s %7s %7s %7s %6s %6s %6s %8s %8s %8s\n",
+           "garment", "v", "comp", "loops", "euler", "nm_e", "nm_v", "doubled", "layers", "self",
+           "HD", "HD v>p", "HD p>v", "angle", "sd", "worst", "gap", "L_r", "closest");
     for (int i = first; i < argc; ++i) {
         if (measure(context, argv[i], &options, proxy_only, &rows[count])) {
             judge(truths, truth_count, &rows[count], &judged, &right);

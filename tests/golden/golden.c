@@ -30,7 +30,8 @@ static void check_certificates(const pc_asset *asset, const pc_measures *measure
     // A sheet that is its own layer lies beside itself where the garment does: sleeves, folds.
     const double inherent =
         asset->reports.carve.source == PC_LAYER_VISUAL ? 0.25 * sheet->doubled_area : 0.0;
-    check(measures->doubled_area <= fmax(0.02, inherent), name, "the proxy has doubled layers");
+    check(measures->doubled_area <= fmax(0.02, inherent), name, "the proxy lies in two layers");
+    check(measures->doubled_layers <= 0.015, name, "the proxy has more layers than the garment");
     for (size_t i = 0; i < asset->skin.vertex_count; ++i) {
         double sum = 0.0;
         bool good = true;

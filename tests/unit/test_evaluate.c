@@ -238,6 +238,101 @@ static void finds_doubled_layers(void **state) {
     pc_context_destroy(context);
 }
 
+// A sheet of `across` by `along` cells, 1 long in y, with a given cross-section in x and z.
+typedef void (*profile)(double u, double at[2]);
+
+static pc_mesh drawn(pc_context *context, uint32_t across, uint32_t along, bool closed,
+                     profile section) {
+    const uint32_t columns = closed ? across : across + 1;
+    pc_mesh mesh = new_mesh(context, (size_t)columns * (along + 1), (size_t)2 * across * along);
+    for (uint32_t i = 0; i < columns * (along + 1); ++i) {
+        double at[2];
+        section((double)(i % columns) / across, at);
+        mesh.positions[3 * i] = at[0];
+        mesh.positions[3 * i + 1] = (double)(i / columns) / along;
+        mesh.positions[3 * i + 2] = at[1];
+    }
+    for (uint32_t i = 0; i < across * along; ++i) {
+        const uint32_t row = i / across * columns, a = row + i % across;
+        const uint32_t b = row + (i % across + 1) % columns, c = a + columns, d = b + columns;
+        const uint32_t cell[6] = {a, b, c, b, d, c};
+        memcpy(&mesh.triangles[6 * i], cell, sizeof(cell));
+    }
+    return mesh;
+}
+
+// A voxel is 1/32, since every sheet here is 1 long.
+static void wide_sleeve(double u, double at[2]) {
+    at[0] = 0.75 / 32.0 * cos(2.0 * acos(-1.0) * u);
+    at[1] = 0.75 / 32.0 * sin(2.0 * acos(-1.0) * u);
+}
+
+static void narrow_sleeve(double u, double at[2]) {
+    at[0] = 0.4 / 32.0 * cos(2.0 * acos(-1.0) * u);
+    at[1] = 0.4 / 32.0 * sin(2.0 * acos(-1.0) * u);
+}
+
+// A quarter of the width is folded back, .2 voxels above the rest.
+static void folded_hem(double u, double at[2]) {
+    const double arc = 1.25 * u;
+    at[0] = fmin(arc, 2.0 - arc);
+    at[1] = arc > 1.0 ? 0.2 / 32.0 * fmin(1.0, 100.0 * (arc - 1.0)) : 0.0;
+}
+
+static void flat(double u, double at[2]) {
+    at[0] = u;
+    at[1] = 0.0;
+}
+
+static void counts_layers_over_one_sheet(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    const double voxel = 1.0 / 32.0;
+    const double heights[3] = {0.0, 0.3 * voxel, 1.5 * voxel};
+    pc_mesh one = squares(context, 8, 1, heights), two = squares(context, 8, 2, heights);
+    const double wide[2] = {0.0, 1.5 * voxel};
+    pc_mesh apart = squares(context, 8, 2, wide), three = squares(context, 8, 3, heights);
+    // A sheet and its copy; the same over a cape of two sides, which is one sheet.
+    assert_close(evaluate(context, &one, &two).doubled_layers, 1.0, 0.0);
+    assert_close(evaluate(context, &two, &two).doubled_layers, 1.0, 0.0);
+    assert_close(evaluate(context, &two, &one).doubled_layers, 0.0, 0.0);
+    // Layers of the garment's own are none too many, and a closed shell around one sheet is.
+    assert_close(evaluate(context, &apart, &apart).doubled_area, 1.0, 0.0);
+    assert_close(evaluate(context, &apart, &apart).doubled_layers, 0.0, 0.0);
+    assert_close(evaluate(context, &one, &apart).doubled_layers, 1.0, 0.0);
+    // Of three layers over two sheets, two share one.
+    assert_close(evaluate(context, &apart, &three).doubled_layers, 2.0 / 3.0, 0.01);
+    pc_mesh_free(context, &one);
+    pc_mesh_free(context, &two);
+    pc_mesh_free(context, &apart);
+    pc_mesh_free(context, &three);
+    pc_context_destroy(context);
+}
+
+static void tells_sleeves_and_hems_from_doubled_layers(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    pc_mesh sleeve = drawn(context, 24, 48, true, wide_sleeve);
+    pc_mesh prism = drawn(context, 6, 40, true, wide_sleeve);
+    assert_true(evaluate(context, &sleeve, &prism).doubled_area > 0.5);
+    assert_close(evaluate(context, &sleeve, &prism).doubled_layers, 0.0, 0.0);
+    // Narrower than a voxel its sides are one sheet.
+    pc_mesh narrow = drawn(context, 24, 48, true, narrow_sleeve);
+    assert_close(evaluate(context, &narrow, &narrow).doubled_layers,
+                 evaluate(context, &narrow, &narrow).doubled_area, 0.0);
+    // Two of five quarters of the area lie in the fold; next to it triangles share vertices.
+    pc_mesh hem = drawn(context, 80, 20, false, folded_hem);
+    pc_mesh single = drawn(context, 10, 10, false, flat);
+    assert_close(evaluate(context, &hem, &single).doubled_layers, 0.0, 0.0);
+    assert_close(evaluate(context, &hem, &hem).doubled_layers, 0.4, 0.03);
+    pc_mesh_free(context, &sleeve);
+    pc_mesh_free(context, &prism);
+    pc_mesh_free(context, &narrow);
+    pc_mesh_free(context, &hem);
+    pc_mesh_free(context, &single);
+    pc_context_destroy(context);
+}
+
 // ---- crossings --------------------------------------------------------------------------------
 
 // Whether the segment from a to b pierces a triangle (Moeller and Trumbore), in long double.
@@ -621,6 +716,8 @@ int main(void) {
         cmocka_unit_test(counts_parts_that_touch_at_a_vertex),
         cmocka_unit_test(counts_loops_of_a_tube_with_mixed_winding),
         cmocka_unit_test(finds_doubled_layers),
+        cmocka_unit_test(counts_layers_over_one_sheet),
+        cmocka_unit_test(tells_sleeves_and_hems_from_doubled_layers),
         cmocka_unit_test(agrees_with_brute_force_on_crossings),
         cmocka_unit_test(decides_special_positions),
         cmocka_unit_test(measures_shifted_squares),

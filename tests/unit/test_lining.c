@@ -11,7 +11,7 @@ static bool peel(pc_context *context, pc_mesh *mesh, double reach) {
     pci_scratch scratch = pci_scratch_begin(context);
     pci_topology topology;
     bool peeled = false;
-    assert_ok(context, pci_peel_linings(&scratch, "test", reach, 0.0, mesh, &peeled));
+    assert_ok(context, pci_peel_linings(&scratch, "test", NULL, reach, 0.0, mesh, &peeled));
     assert_true(pci_topology_build(&scratch, mesh, &topology));
     assert_manifold(&scratch, mesh, &topology);
     pci_scratch_end(&scratch);
@@ -99,7 +99,7 @@ static void survives_a_lack_of_memory(void **state) {
         bool peeled = false;
         pci_scratch scratch = pci_scratch_begin(context);
         fail_allocation(&counter, s.number);
-        s.status = pci_peel_linings(&scratch, "test", 0.05, 0.0, &tube, &peeled);
+        s.status = pci_peel_linings(&scratch, "test", NULL, 0.05, 0.0, &tube, &peeled);
         assert_true(peeled == (s.status == PC_OK));
         pci_scratch_end(&scratch);
         pc_mesh_free(context, &tube);

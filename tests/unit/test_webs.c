@@ -46,10 +46,10 @@ static double bridged_share(pc_context *context, const pc_asset *asset) {
     uint8_t *away = calloc(layer->triangle_count, 1);
     assert_non_null(away);
     assert_ok(context, pci_bvh_create(context, "test", &asset->visual.surface, &bvh));
-    assert_true(pci_find_away(context, bvh, layer, 0.5 * asset->grid.cell_size, away));
+    assert_true(pci_find_away(context, bvh, layer, asset->grid.cell_size, away));
     double sum = 0.0;
     for (size_t t = 0; t < layer->triangle_count; ++t) {
-        sum += away[t] ? pci_triangle_area(layer, t) : 0.0;
+        sum += away[t] == PCI_BRIDGE ? pci_triangle_area(layer, t) : 0.0;
     }
     pci_bvh_destroy(context, bvh);
     free(away);

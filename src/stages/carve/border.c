@@ -32,7 +32,7 @@ typedef struct snapping {
     double *edge_inwards; // the same, as its border edges see it
     double *moves;        // per vertex, 3
     double *placed;       // per vertex, 3: the new positions
-    uint8_t *border, *strap, *snapped;
+    uint8_t *border, *strap, *snapped, *unplaced;
     uint8_t *rings; // per vertex: 1 + rings behind the snapped border; 0: farther
 } snapping;
 
@@ -258,12 +258,12 @@ static void moved_point(const snapping *s, uint32_t v, double point[3]) {
     }
 }
 
+// Places the vertices whose moves are new.
 static void place_vertices(void *user, size_t begin, size_t end, uint32_t worker) {
     snapping *s = user;
     (void)worker;
     for (size_t v = begin; v < end; ++v) {
-        memcpy(&s->placed[3 * v], point_of(s, (uint32_t)v), 3 * sizeof(double));
-        if (s->rings[v] > 0) {
+        if (s->unplaced[v] && s->rings[v] > 0) {
             moved_point(s, (uint32_t)v, &s->placed[3 * v]);
         }
     }
@@ -286,11 +286,13 @@ static bool spoils(const snapping *s, const uint32_t *corner) {
 // Makes the moves, with less of them where they spoil triangles.
 static bool apply_moves(pci_scratch *scratch, snapping *s) {
     const size_t nv = s->layer->vertex_count;
-    uint8_t *spoiled = PCI_SCRATCH(scratch, uint8_t, nv);
+    uint8_t *spoiled = s->unplaced = PCI_SCRATCH(scratch, uint8_t, nv);
     s->placed = PCI_SCRATCH(scratch, double, 3 * nv);
     if (scratch->failed) {
         return false;
     }
+    memcpy(s->placed, s->layer->positions, 3 * nv * sizeof(*s->placed));
+    memset(s->unplaced, 1, nv);
     for (size_t attempt = 0; attempt <= retreats; ++attempt) {
         pci_parallel_for(scratch->context, nv, 256, place_vertices, s);
         bool good = true;

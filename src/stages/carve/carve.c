@@ -62,9 +62,8 @@ const pc_record pc_carve_report_record = PCI_RECORD(report_fields, pc_carve_repo
 static const double least_coverage = 0.99;
 // What the visual mesh covers is within this many voxels of the layer.
 static const double covered_voxels = 2.0;
-// Where a layer bridges a gap it is farther than this from the cloth, in voxels; so much of its
-// area may do so.
-static const double bridge_voxels = 0.5, most_bridges = 0.005;
+// So much of a layer's area may bridge gaps.
+static const double most_bridges = 0.005;
 // What is taken instead may have so many times the boundary: a front that opens has more.
 static const double most_boundary = 1.5;
 // An outfit has a few parts that are worn over each other; patterns have more panels.
@@ -83,21 +82,53 @@ enum { grain = 256 };
 
 // ---- report -----------------------------------------------------------------------------------
 
+// Whether the layer is within reach of a vertex. Where one of its vertices is, nobody needs a tree
+// of its triangles, nor where none is within so much more that no point between them can be.
+enum { UNSURE, COVERED, MISSED };
 typedef struct coverage_job {
-    const pci_bvh *layer;
+    const pci_knn *points; // of the layer
+    const pci_bvh *layer;  // for those that are unsure
     const pc_mesh *surface;
-    double radius;
-    uint32_t *covered; // per piece
+    double reach, between; // from any point of the layer to the nearest vertex
+    uint8_t *covered;      // #V
 } coverage_job;
 
-static void count_covered(void *user, size_t begin, size_t end, uint32_t worker) {
+static void compare_points(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const coverage_job *job = user;
+    uint32_t last = PC_INVALID_INDEX, far = PC_INVALID_INDEX;
+    for (size_t v = begin; v < end; ++v) {
+        const double *point = &job->surface->positions[3 * v];
+        job->covered[v] = pci_knn_within_near(job->points, point, job->reach, &last) ? COVERED
+                          : pci_knn_within_near(job->points, point, job->reach + job->between, &far)
+                              ? UNSURE
+                              : MISSED;
+    }
+}
+
+static void compare_triangles(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const coverage_job *job = user;
     uint32_t last = PC_INVALID_INDEX;
     for (size_t v = begin; v < end; ++v) {
-        job->covered[begin / grain] +=
-            pci_bvh_within_near(job->layer, &job->surface->positions[3 * v], job->radius, &last);
+        if (job->covered[v] == UNSURE) {
+            const double *point = &job->surface->positions[3 * v];
+            job->covered[v] =
+                pci_bvh_within_near(job->layer, point, job->reach, &last) ? COVERED : MISSED;
+        }
     }
+}
+
+// No point of a triangle is farther than this from its nearest corner, of all triangles.
+static double farthest_from_corners(const pc_mesh *mesh) {
+    double square = 0.0;
+    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
+        const size_t next = i % 3 == 2 ? i - 2 : i + 1;
+        square =
+            fmax(square, pci_squared_distance(&mesh->positions[3 * (size_t)mesh->triangles[i]],
+                                              &mesh->positions[3 * (size_t)mesh->triangles[next]]));
+    }
+    return (1.0 + 1e-9) * sqrt(square / 3.0); // of an equilateral one
 }
 
 // Counts, and the length of the boundary.
@@ -118,24 +149,32 @@ static pc_status measure_shape(pci_scratch *scratch, const pc_mesh *mesh, pc_car
 static pc_status measure_coverage(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *mesh,
                                   double cell_size, double *coverage) {
     pc_context *context = scratch->context;
-    uint32_t *covered = PCI_SCRATCH(scratch, uint32_t, surface->vertex_count / grain + 1);
-    if (covered == NULL) {
+    pci_knn points;
+    pci_bvh *layer = NULL;
+    pc_status status = PC_OK;
+    coverage_job job = {.points = &points,
+                        .surface = surface,
+                        .reach = covered_voxels * cell_size,
+                        .between = farthest_from_corners(mesh),
+                        .covered = PCI_SCRATCH(scratch, uint8_t, surface->vertex_count)};
+    if (scratch->failed || !pci_knn_build(scratch, mesh->vertex_count, mesh->positions, &points)) {
         return pci_fail_memory(context, stage);
     }
-    pci_bvh *layer = NULL;
-    const pc_status status = pci_bvh_create(context, stage, mesh, &layer);
-    if (status != PC_OK) {
-        return status;
+    pci_parallel_for(context, surface->vertex_count, grain, compare_points, &job);
+    if (memchr(job.covered, UNSURE, surface->vertex_count) != NULL) {
+        status = pci_bvh_create(context, stage, mesh, &layer);
+        job.layer = layer;
     }
-    coverage_job job = {layer, surface, covered_voxels * cell_size, covered};
-    pci_parallel_for(context, surface->vertex_count, grain, count_covered, &job);
+    if (status == PC_OK && layer != NULL) {
+        pci_parallel_for(context, surface->vertex_count, grain, compare_triangles, &job);
+    }
     pci_bvh_destroy(context, layer);
-    uint64_t sum = 0;
-    for (size_t i = 0; i <= surface->vertex_count / grain; ++i) {
-        sum += covered[i];
+    size_t sum = 0;
+    for (size_t v = 0; v < surface->vertex_count; ++v) {
+        sum += job.covered[v] == COVERED;
     }
     *coverage = (double)sum / (double)surface->vertex_count;
-    return PC_OK;
+    return status;
 }
 
 static pc_status measure(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *mesh,
@@ -255,83 +294,67 @@ static pc_status cut(pci_scratch *scratch, const pc_mesh *cloth, const pci_bvh *
 // The projected mesh lies on the cloth but where the voxels bridge a gap. `share` receives such
 // triangles' share of the layer's area.
 static bool find_bridges(pci_scratch *scratch, const pci_bvh *cloth, const pc_mesh *layer,
-                         double cell_size, uint8_t **bridges, double *share) {
-    *bridges = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
-    if (*bridges == NULL ||
-        !pci_find_away(scratch->context, cloth, layer, bridge_voxels * cell_size, *bridges)) {
+                         double cell_size, uint8_t **away, double *share) {
+    *away = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
+    if (*away == NULL || !pci_find_away(scratch->context, cloth, layer, cell_size, *away)) {
         return false;
     }
     double total = 0.0, sum = 0.0;
     for (size_t t = 0; t < layer->triangle_count; ++t) {
         const double area = pci_triangle_area(layer, t);
         total += area;
-        sum += (*bridges)[t] ? area : 0.0;
+        sum += (*away)[t] == PCI_BRIDGE ? area : 0.0;
     }
     *share = total > 0.0 ? sum / total : 0.0;
     return true;
 }
 
-// Mends what webs it can; `share` receives the share of the layer that bridged gaps before.
+// Mends what webs it can: the layer keeps its shape.
 static pc_status mend_bridges(pci_scratch *scratch, const pci_bvh *cloth, const pc_mesh *projected,
-                              const uint8_t *labels, double cell_size, pc_mesh *layer,
-                              double *share) {
+                              const uint8_t *labels, double cell_size, uint8_t *away,
+                              pc_mesh *layer) {
     const uint8_t *kept = kept_triangles(scratch, projected, labels);
-    uint8_t *bridges = NULL;
-    if (kept == NULL || !find_bridges(scratch, cloth, layer, cell_size, &bridges, share)) {
+    if (kept == NULL) {
         return pci_fail_memory(scratch->context, stage);
-    }
-    if (*share == 0.0) {
-        return PC_OK;
     }
     bool mended = false;
     double left = 0.0;
-    pc_status status = pci_mend_webs(scratch, stage, cloth, projected, kept, bridges, cell_size,
-                                     true, layer, &mended);
+    pc_status status =
+        pci_mend_webs(scratch, stage, projected, kept, away, cell_size, true, layer, &mended);
     if (status == PC_OK && mended) {
-        status = find_bridges(scratch, cloth, layer, cell_size, &bridges, &left)
+        status = find_bridges(scratch, cloth, layer, cell_size, &away, &left)
                      ? PC_OK
                      : pci_fail_memory(scratch->context, stage);
     }
     if (status == PC_OK && left > 0.0) {
-        status = pci_mend_webs(scratch, stage, cloth, projected, kept, bridges, cell_size, false,
-                               layer, &mended);
+        status =
+            pci_mend_webs(scratch, stage, projected, kept, away, cell_size, false, layer, &mended);
     }
     return status;
 }
 
-// The labelled side of the projected mesh, cut along the outline. `bridges` receives the share of
-// it that bridged gaps.
-static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
+// The labelled side of the projected mesh, cut along the outline. @param visual  tree of `cloth`
+static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *cloth, const pci_bvh *visual,
                                 const pc_mesh *projected, const uint8_t *labels, double cell_size,
-                                const pc_carve_options *options, pc_mesh *layer, double *bridges,
-                                double *boundary, pc_carve_report *report) {
+                                const pc_carve_options *options, pc_mesh *layer,
+                                pc_carve_report *report) {
     pci_knn rims = {0};
-    pci_bvh *visual = NULL;
-    pc_status status = pci_bvh_create(scratch->context, stage, cloth, &visual);
-    if (status == PC_OK) {
-        status = find_rims(scratch, cloth, visual, cell_size, &rims);
-    }
+    report->source = PC_LAYER_LABELS;
+    pc_status status = find_rims(scratch, cloth, visual, cell_size, &rims);
     if (status == PC_OK) {
         status = extract(scratch, cloth, visual, &rims, projected, labels, cell_size, options,
                          layer, report);
     }
     if (status == PC_OK) {
         bool peeled = false;
-        status = pci_peel_linings(scratch, stage, both_sides_reach * cell_size, least_both_sides,
-                                  layer, &peeled);
+        status = pci_peel_linings(scratch, stage, NULL, both_sides_reach * cell_size,
+                                  least_both_sides, layer, &peeled);
     }
     if (status == PC_OK && options->snap_border) {
         status = pci_snap_border(scratch->context, stage, cloth, visual, cell_size, layer);
     }
-    if (status == PC_OK) {
-        status = cut(scratch, cloth, visual, &rims, cell_size, options, layer, report);
-    }
-    if (status == PC_OK) {
-        status = mend_bridges(scratch, visual, projected, labels, cell_size, layer, bridges);
-    }
-    pci_bvh_destroy(scratch->context, visual);
-    report->source = PC_LAYER_LABELS;
-    return status == PC_OK ? measure(scratch, surface, layer, cell_size, report, boundary) : status;
+    return status == PC_OK ? cut(scratch, cloth, visual, &rims, cell_size, options, layer, report)
+                           : status;
 }
 
 // The labelled triangles of the projected mesh; may be none.
@@ -359,7 +382,7 @@ static pc_status take_visual(pci_scratch *scratch, const pc_mesh *surface, const
     }
     pc_status status = labelled_side(scratch, projected, labels, &side);
     if (status == PC_OK && side.triangle_count > 0) {
-        status = pci_face_like(scratch, stage, &side, 1, layer);
+        status = pci_face_like(scratch, stage, &side, layer);
     }
     pc_mesh_free(context, &side);
     return status == PC_OK ? measure(scratch, surface, layer, cell_size, report, &boundary)
@@ -371,7 +394,7 @@ static pc_status take_visual(pci_scratch *scratch, const pc_mesh *surface, const
 static pc_status try_tailoring(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
                                double thickness, const pc_mesh *projected, const uint8_t *labels,
                                double cell_size, double boundary, pc_mesh *layer,
-                               pc_carve_report *report) {
+                               pc_carve_report *report, bool *taken) {
     pc_mesh side = {0}, sewn = {0};
     pc_carve_report other = {.source = PC_LAYER_VISUAL};
     pc_status status = labelled_side(scratch, projected, labels, &side);
@@ -384,13 +407,12 @@ static pc_status try_tailoring(pci_scratch *scratch, const pc_mesh *surface, con
     if (status == PC_OK && sewn.triangle_count > 0) {
         status = measure_shape(scratch, &sewn, &other, &length);
     }
-    const bool taken = status == PC_OK && other.components == report->components &&
-                       other.boundary_loops == report->boundary_loops &&
-                       length <= most_boundary * boundary;
-    if (taken) {
+    *taken = status == PC_OK && other.components == report->components &&
+             other.boundary_loops == report->boundary_loops && length <= most_boundary * boundary;
+    if (*taken) {
         status = measure_coverage(scratch, surface, &sewn, cell_size, &other.coverage);
     }
-    if (taken && status == PC_OK) {
+    if (*taken && status == PC_OK) {
         pc_mesh_free(scratch->context, layer);
         *layer = sewn;
         *report = other;
@@ -411,6 +433,69 @@ static bool may_be_tailored(pci_scratch *scratch, const pc_mesh *cloth,
     return parts <= most_parts;
 }
 
+// What stands in for the labelled layer where it bridges gaps: the cloth made one sheet, or itself
+// with the gaps' walls.
+static pc_status bridge_gaps(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
+                             const pci_bvh *visual, double thickness, const pc_mesh *projected,
+                             const uint8_t *labels, double cell_size, double boundary,
+                             const pc_carve_options *options, pc_mesh *layer,
+                             pc_carve_report *report) {
+    uint8_t *away = NULL;
+    double share = 0.0;
+    bool taken = false;
+    pc_status status = find_bridges(scratch, visual, layer, cell_size, &away, &share)
+                           ? PC_OK
+                           : pci_fail_memory(scratch->context, stage);
+    if (status == PC_OK && share > most_bridges && may_be_tailored(scratch, cloth, options)) {
+        status = try_tailoring(scratch, surface, cloth, thickness, projected, labels, cell_size,
+                               boundary, layer, report, &taken);
+    }
+    if (status != PC_OK || taken) {
+        return status;
+    }
+    if (share > 0.0) {
+        status = mend_bridges(scratch, visual, projected, labels, cell_size, away, layer);
+    }
+    return status == PC_OK ? measure(scratch, surface, layer, cell_size, report, &boundary)
+                           : status;
+}
+
+// The labelled layer, unless another one is better. Shapes are compared before anything is done
+// that keeps them. @param folded  the cloth as it is, if it is a folded sheet; may become the layer
+static pc_status labelled_or_other(pci_scratch *scratch, const pc_mesh *surface,
+                                   const pc_mesh *cloth, double thickness, const pc_mesh *projected,
+                                   const uint8_t *labels, double cell_size,
+                                   const pc_carve_options *options, uint64_t filled,
+                                   pc_mesh *folded, pc_mesh *layer, pc_carve_report *report) {
+    pci_bvh *visual = NULL;
+    pc_carve_report other = {0};
+    double boundary = 0.0, length = 0.0;
+    bool better = false;
+    pc_status status = pci_bvh_create(scratch->context, stage, cloth, &visual);
+    if (status == PC_OK) {
+        status = labelled_layer(scratch, cloth, visual, projected, labels, cell_size, options,
+                                layer, report);
+    }
+    if (status == PC_OK) {
+        status = measure_shape(scratch, layer, report, &boundary);
+    }
+    if (status == PC_OK && folded->triangle_count > 0) {
+        status = measure_shape(scratch, folded, &other, &length);
+        better = status == PC_OK && (other.components != report->components ||
+                                     other.boundary_loops != report->boundary_loops);
+    }
+    if (status == PC_OK && !better) {
+        status = bridge_gaps(scratch, surface, cloth, visual, thickness, projected, labels,
+                             cell_size, boundary, options, layer, report);
+        better = status == PC_OK && folded->triangle_count > 0 &&
+                 report->source == PC_LAYER_LABELS && report->coverage < least_coverage;
+    }
+    pci_bvh_destroy(scratch->context, visual);
+    return status == PC_OK && better ? take_visual(scratch, surface, projected, labels, cell_size,
+                                                   filled, folded, layer, report)
+                                     : status;
+}
+
 static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
                               double thickness, const pc_mesh *projected, const uint8_t *labels,
                               double cell_size, const pc_carve_options *options, pc_mesh *layer,
@@ -418,7 +503,6 @@ static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface, cons
     const bool always = options->layer_source == PC_LAYER_VISUAL;
     pci_layering layering = PCI_LAYERED;
     uint64_t filled = 0;
-    double bridges = 0.0, boundary = 0.0, length = 0.0;
     pc_mesh visual = {0};
     pc_status status = PC_OK;
     if (options->layer_source != PC_LAYER_LABELS) {
@@ -433,25 +517,10 @@ static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface, cons
                            report);
     }
     if (status == PC_OK) {
-        status = labelled_layer(scratch, surface, cloth, projected, labels, cell_size, options,
-                                layer, &bridges, &boundary, report);
-    }
-    if (status == PC_OK && layering == PCI_FOLDED) {
-        pc_carve_report other = {0};
-        status = measure_shape(scratch, &visual, &other, &length);
-        if (status == PC_OK &&
-            (other.components != report->components ||
-             other.boundary_loops != report->boundary_loops || report->coverage < least_coverage)) {
-            status = take_visual(scratch, surface, projected, labels, cell_size, filled, &visual,
-                                 layer, report);
-        }
+        status = labelled_or_other(scratch, surface, cloth, thickness, projected, labels, cell_size,
+                                   options, filled, &visual, layer, report);
     }
     pc_mesh_free(scratch->context, &visual);
-    if (status == PC_OK && report->source == PC_LAYER_LABELS && bridges > most_bridges &&
-        may_be_tailored(scratch, cloth, options)) {
-        status = try_tailoring(scratch, surface, cloth, thickness, projected, labels, cell_size,
-                               boundary, layer, report);
-    }
     return status;
 }
 

@@ -25,12 +25,11 @@ typedef struct sorting {
 
 static bool find_components(pci_scratch *scratch, const pc_mesh *mesh, uint32_t **component,
                             double **areas, size_t *count) {
-    pci_topology topology;
     *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
-    if (scratch->failed || !pci_topology_build_edges(scratch, mesh, &topology)) {
+    if (scratch->failed) {
         return false;
     }
-    *count = pci_triangle_components(scratch, mesh, &topology, *component);
+    *count = pci_manifold_components(scratch, mesh, *component);
     *areas = PCI_SCRATCH(scratch, double, *count);
     for (size_t t = 0; !scratch->failed && t < mesh->triangle_count; ++t) {
         (*areas)[(*component)[t]] += pci_triangle_area(mesh, t);
@@ -38,35 +37,63 @@ static bool find_components(pci_scratch *scratch, const pc_mesh *mesh, uint32_t 
     return !scratch->failed;
 }
 
+typedef struct home_job {
+    const sorting *s;
+    bool small; // which triangles
+} home_job;
+
 static void find_homes(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
-    const sorting *s = user;
+    const home_job *job = user;
+    const sorting *s = job->s;
     uint32_t last = PC_INVALID_INDEX;
     for (size_t t = begin; t < end; ++t) {
-        double middle[3];
-        pci_triangle_middle(s->layer, t, middle);
-        last = pci_bvh_closest_near(s->visual, middle, last).triangle;
-        s->home[t] = s->visual_component[last];
+        if ((s->small[s->part[t]] != 0) == job->small) {
+            double middle[3];
+            pci_triangle_middle(s->layer, t, middle);
+            last = pci_bvh_closest_near(s->visual, middle, last).triangle;
+            s->home[t] = s->visual_component[last];
+        }
+    }
+}
+
+// Adds up the areas of the triangles of small parts, or of the others, by their homes. Where there
+// is one component only all are at home in it.
+static void cover(const sorting *s, size_t visual_count, bool small, double *covered) {
+    home_job job = {s, small};
+    if (visual_count > 1) {
+        pci_parallel_for(s->scratch->context, s->layer->triangle_count, grain, find_homes, &job);
+    }
+    for (size_t t = 0; t < s->layer->triangle_count; ++t) {
+        if ((s->small[s->part[t]] != 0) == small) {
+            covered[s->home[t]] += pci_triangle_area(s->layer, t);
+        }
     }
 }
 
 // Marks the small parts that are mostly on components of the visual mesh which no large part
 // covers, but small parts do.
 static bool find_strangers(const sorting *s, size_t visual_count, uint8_t *stranger) {
-    double *covered = PCI_SCRATCH(s->scratch, double, visual_count);
-    double *all = PCI_SCRATCH(s->scratch, double, visual_count);
+    double *by_small = PCI_SCRATCH(s->scratch, double, visual_count);
+    double *by_large = PCI_SCRATCH(s->scratch, double, visual_count);
     double *strange = PCI_SCRATCH(s->scratch, double, s->part_count);
+    bool some = false;
     if (s->scratch->failed) {
         return false;
     }
-    for (size_t t = 0; t < s->layer->triangle_count; ++t) {
-        const double area = pci_triangle_area(s->layer, t);
-        covered[s->home[t]] += s->small[s->part[t]] ? 0.0 : area;
-        all[s->home[t]] += area;
+    cover(s, visual_count, true, by_small);
+    for (size_t i = 0; i < visual_count; ++i) {
+        some = some || by_small[i] >= (least_share - covered_share) * s->visual_areas[i];
     }
+    if (!some) { // whatever the large parts cover
+        return true;
+    }
+    cover(s, visual_count, false, by_large);
     for (size_t t = 0; t < s->layer->triangle_count; ++t) {
-        const double whole = s->visual_areas[s->home[t]];
-        if (covered[s->home[t]] < covered_share * whole && all[s->home[t]] >= least_share * whole) {
+        const uint32_t home = s->home[t];
+        const double whole = s->visual_areas[home];
+        if (by_large[home] < covered_share * whole &&
+            by_small[home] + by_large[home] >= least_share * whole) {
             strange[s->part[t]] += pci_triangle_area(s->layer, t);
         }
     }
@@ -185,9 +212,6 @@ pc_status pci_drop_crumbs(pci_scratch *scratch, const char *stage, const pc_mesh
     }
     if (!find_components(scratch, surface, &s.visual_component, &s.visual_areas, &visual_count)) {
         return pci_fail_memory(context, stage);
-    }
-    if (visual_count > 1) { // otherwise all are at home in the first one
-        pci_parallel_for(context, layer->triangle_count, grain, find_homes, &s);
     }
     if (!find_strangers(&s, visual_count, stranger)) {
         return pci_fail_memory(context, stage);

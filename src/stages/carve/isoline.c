@@ -9,29 +9,50 @@ enum { grain = 256 };
 // The distance where nobody asks: no triangle is refined for it.
 static const double out_of_focus = -1e30;
 
-// How far the nearest point of the visual mesh lies beside a point of the layer: the distance
-// without its share along the normal. `triangle`: one that may be near; becomes the nearest one.
-static double distance_beside(const pci_isoline *line, const double point[3],
-                              const double normal[3], uint32_t *triangle) {
-    if (line->focus != NULL && !pci_knn_within(line->focus, point, line->reach, NULL)) {
-        return out_of_focus;
-    }
-    const pci_closest closest = pci_bvh_closest_near(line->visual, point, *triangle);
-    *triangle = closest.triangle;
+// The distance that is not measured, since it is within the threshold and there is no need to know;
+// and where no triangle is refined for it either, far from the focus: what hides amid corners on
+// the visual mesh is narrower than an edge.
+static const double unmeasured = 0.0, out_of_the_way = -1.0;
+
+// How far the nearest point of the visual mesh lies beside vertex v: the distance without its share
+// along the normal.
+static void measure_distance(pci_isoline *line, size_t v) {
+    const double *point = &line->mesh.positions[3 * v];
+    const pci_closest closest = pci_bvh_closest_near(line->visual, point, line->nearest[v]);
+    line->nearest[v] = closest.triangle;
     double away[3];
     pci_sub(closest.point, point, away);
-    const double height = pci_dot(away, normal);
-    return sqrt(fmax(0.0, pci_dot(away, away) - height * height));
+    const double height = pci_dot(away, &line->normals[3 * v]);
+    line->distances[v] = sqrt(fmax(0.0, pci_dot(away, away) - height * height));
+}
+
+// The same where somebody asks. `focus`: a point of the focus that may be near; becomes one that
+// is.
+static void find_distance(pci_isoline *line, size_t v, uint32_t *focus) {
+    const double *point = &line->mesh.positions[3 * v];
+    // No point lies farther beside the visual mesh than it is away from it.
+    const double within = (1.0 - 1e-9) * line->threshold;
+    if (line->focus != NULL && !pci_knn_within_near(line->focus, point, line->reach, focus)) {
+        line->distances[v] = out_of_focus;
+    } else if (line->coarse &&
+               pci_bvh_within_near(line->visual, point, within, &line->nearest[v])) {
+        line->distances[v] =
+            line->focus == NULL || pci_knn_within_near(line->focus, point, 0.5 * line->reach, focus)
+                ? unmeasured
+                : out_of_the_way;
+    } else {
+        measure_distance(line, v);
+    }
 }
 
 static void measure_first(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     pci_isoline *line = user;
-    uint32_t last = PC_INVALID_INDEX;
+    uint32_t last = PC_INVALID_INDEX, focus = PC_INVALID_INDEX;
     for (size_t v = begin; v < end; ++v) {
-        line->distances[v] =
-            distance_beside(line, &line->mesh.positions[3 * v], &line->normals[3 * v], &last);
         line->nearest[v] = last;
+        find_distance(line, v, &focus);
+        last = line->nearest[v];
     }
 }
 
@@ -115,15 +136,15 @@ static bool lies_close(const pci_isoline *line, uint32_t t) {
 }
 
 // The edge to split where a triangle may touch the isoline; PC_INVALID_INDEX: none.
-static uint32_t edge_to_split(const pci_isoline *line, uint32_t t, double threshold,
-                              double shortest) {
+static uint32_t edge_to_split(const pci_isoline *line, uint32_t t, double shortest) {
+    const double threshold = line->threshold;
     double nearest = INFINITY, farthest = -INFINITY;
     for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
         const double distance = line->distances[pci_origin(&line->mesh, h)];
         nearest = distance < nearest ? distance : nearest;
         farthest = distance > farthest ? distance : farthest;
     }
-    if (!(nearest < threshold && farthest > out_of_focus)) {
+    if (!(nearest < threshold && farthest > out_of_the_way)) {
         return PC_INVALID_INDEX;
     }
     const uint32_t edge = longest_edge(&line->mesh, t);
@@ -137,7 +158,7 @@ static uint32_t edge_to_split(const pci_isoline *line, uint32_t t, double thresh
 enum { ASKED, SETTLED, SPLIT };
 typedef struct refinement {
     pci_isoline *line;
-    double threshold, shortest;
+    double shortest;
     uint32_t first;  // vertex of this round
     uint8_t *states; // #F
     uint32_t *edges; // #F, to be split, or PC_INVALID_INDEX
@@ -148,9 +169,8 @@ static void choose_edges(void *user, size_t begin, size_t end, uint32_t worker) 
     (void)worker;
     const refinement *r = user;
     for (size_t t = begin; t < end; ++t) {
-        r->edges[t] = r->states[t] == SETTLED
-                          ? PC_INVALID_INDEX
-                          : edge_to_split(r->line, (uint32_t)t, r->threshold, r->shortest);
+        r->edges[t] = r->states[t] == SETTLED ? PC_INVALID_INDEX
+                                              : edge_to_split(r->line, (uint32_t)t, r->shortest);
         r->states[t] = r->edges[t] == PC_INVALID_INDEX ? SETTLED : ASKED;
     }
 }
@@ -185,18 +205,18 @@ static void measure_new(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const refinement *r = user;
     pci_isoline *line = r->line;
+    uint32_t focus = PC_INVALID_INDEX;
     for (size_t v = r->first + begin; v < r->first + end; ++v) {
-        line->distances[v] = distance_beside(line, &line->mesh.positions[3 * v],
-                                             &line->normals[3 * v], &line->nearest[v]);
+        find_distance(line, v, &focus);
     }
 }
 
 // Halves the longest edge of each triangle that may touch the isoline until it is shorter than
 // `shortest`. False: no memory, or cancelled.
-static bool refine(pci_isoline *line, double threshold, double shortest) {
+static bool refine(pci_isoline *line, double shortest) {
     const pci_halfedge *mesh = &line->mesh;
     pc_context *context = mesh->scratch->context;
-    refinement r = {.line = line, .threshold = threshold, .shortest = shortest};
+    refinement r = {.line = line, .shortest = shortest};
     do {
         void *states = r.states, *edges = r.edges;
         if (!pci_scratch_reserve(mesh->scratch, &states, &r.state_capacity, mesh->triangle_count,
@@ -219,9 +239,50 @@ static bool refine(pci_isoline *line, double threshold, double shortest) {
     return true;
 }
 
+typedef struct measuring {
+    pci_isoline *line;
+    const uint32_t *vertices;
+} measuring;
+
+static void measure_listed(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const measuring *m = user;
+    for (size_t i = begin; i < end; ++i) {
+        measure_distance(m->line, m->vertices[i]);
+    }
+}
+
+// Measures what was not, at edges that cross the isoline. False: out of memory, or cancelled.
+static bool measure_crossing(pci_isoline *line) {
+    const pci_halfedge *mesh = &line->mesh;
+    uint32_t *vertices = PCI_SCRATCH(mesh->scratch, uint32_t, mesh->vertex_count);
+    uint8_t *listed = PCI_SCRATCH(mesh->scratch, uint8_t, mesh->vertex_count);
+    size_t count = 0;
+    if (mesh->scratch->failed) {
+        return false;
+    }
+    for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
+        const uint32_t ends[2] = {pci_origin(mesh, h), pci_target(mesh, h)};
+        for (size_t i = 0; i < 2; ++i) {
+            const double distance = line->distances[ends[i]];
+            if ((distance == unmeasured || distance == out_of_the_way) && !listed[ends[i]] &&
+                line->distances[ends[1 - i]] > line->threshold) {
+                listed[ends[i]] = 1;
+                vertices[count++] = ends[i];
+            }
+        }
+    }
+    measuring job = {line, vertices};
+    return pci_parallel_while_wanted(mesh->scratch->context, count, grain, measure_listed, &job);
+}
+
 // Splits the edges that cross the isoline there. New edges end on the isoline and never cross it,
 // so one pass finds all crossings.
-static bool split_isoline(pci_isoline *line, double threshold) {
+static bool split_isoline(pci_isoline *line) {
+    const double threshold = line->threshold;
+    if (line->coarse && !measure_crossing(line)) {
+        return false;
+    }
     for (uint32_t h = 0; h < 3 * line->mesh.triangle_count; ++h) {
         if (!pci_is_edge(&line->mesh, h)) {
             continue;
@@ -242,6 +303,7 @@ static bool split_isoline(pci_isoline *line, double threshold) {
 
 bool pci_isoline_refine(pci_scratch *scratch, const pc_mesh *layer, double threshold,
                         double shortest, pci_isoline *line) {
+    line->threshold = threshold;
     line->normals = PCI_SCRATCH(scratch, double, 3 * layer->vertex_count);
     line->distances = PCI_SCRATCH(scratch, double, layer->vertex_count);
     line->nearest = PCI_SCRATCH(scratch, uint32_t, layer->vertex_count);
@@ -254,7 +316,7 @@ bool pci_isoline_refine(pci_scratch *scratch, const pc_mesh *layer, double thres
     pci_vertex_normals(layer, line->normals);
     return pci_parallel_while_wanted(scratch->context, layer->vertex_count, grain, measure_first,
                                      line) &&
-           refine(line, threshold, shortest) && split_isoline(line, threshold);
+           refine(line, shortest) && split_isoline(line);
 }
 
 // The half-edge whose collapse undoes the split that made vertex v. PC_INVALID_INDEX: something has

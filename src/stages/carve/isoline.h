@@ -11,8 +11,13 @@ typedef struct pci_isoline {
     const pci_knn *focus; // distances are measured within `reach` of these points; NULL: everywhere
     const pci_knn *closer; // edges within `reach` of these become half as long; NULL: none
     double reach;
+    // Whether the distances of points within the threshold of the visual mesh do not matter, which
+    // is so while edges are longer than two thresholds: most of them are never measured. The focus
+    // is half as wide for them.
+    bool coarse;
     pci_halfedge mesh;
-    double *normals;   // #V by 3
+    double *normals; // #V by 3
+    double threshold;
     double *distances; // #V, beside the visual mesh, along the surface
     uint32_t *nearest; // #V, triangle of the visual mesh, or PC_INVALID_INDEX
     uint32_t *ends;    // #V by 2, of the edge that was split; of new vertices only
@@ -20,8 +25,8 @@ typedef struct pci_isoline {
 } pci_isoline;
 
 // Refines a copy of the layer where the distance may pass through `threshold`, to edges no longer
-// than `shortest`, and splits the edges that cross the isoline on it. `visual`, `focus`, `closer`
-// and `reach` are set already. False: out of memory, or cancelled.
+// than `shortest`, and splits the edges that cross the isoline on it. `visual`, `focus`, `closer`,
+// `reach` and `coarse` are set already. False: out of memory, or cancelled.
 bool pci_isoline_refine(pci_scratch *scratch, const pc_mesh *layer, double threshold,
                         double shortest, pci_isoline *line);
 

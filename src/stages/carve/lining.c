@@ -4,11 +4,15 @@
 
 #include "core/union_find.h"
 #include "geometry/bvh.h"
+#include "geometry/halfedge.h"
 #include "geometry/manifold.h"
 #include "geometry/topology.h"
 #include "solvers/signed_solve.h"
 
 enum { grain = 256 };
+
+// One in so many triangles tells whether it is worth while to ask all.
+enum { few = 8 };
 
 // Pieces that are tried one by one where they cannot go together.
 enum { most_pieces = 16 };
@@ -29,6 +33,7 @@ typedef struct lining {
     pci_topology topology;
     double reach;
     const pci_bvh *bvh;
+    size_t stride; // one in so many triangles is asked for its mates
     size_t component_count;
     uint32_t *component; // #F
     double *normals;     // #F by 3, unit or zero
@@ -57,7 +62,8 @@ static uint32_t find_mate(const lining *l, size_t t, double side) {
 static void find_mates(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     lining *l = user;
-    for (size_t t = begin; t < end; ++t) {
+    for (size_t i = begin; i < end; ++i) {
+        const size_t t = l->stride * i;
         double *normal = &l->normals[3 * t];
         l->mates[2 * t] = l->mates[2 * t + 1] = PC_INVALID_INDEX;
         pci_triangle_vector(l->mesh, t, normal);
@@ -216,42 +222,71 @@ static bool list_pieces(const lining *l, uint8_t *keep, uint32_t *of, piece **pi
 static bool take(const lining *l, const uint8_t *keep, const pci_shape *wanted, pc_mesh *kept) {
     pci_scratch scratch = pci_scratch_begin(l->scratch->context);
     pci_repair_counts counts;
-    pc_mesh rest = {0};
     pci_shape found = {0};
-    const bool done = pci_mesh_repair(&scratch, l->mesh, keep, &rest, &counts) &&
-                      pci_find_shape(&scratch, &rest, &found);
+    const bool done = pci_mesh_repair(&scratch, l->mesh, keep, kept, &counts) &&
+                      pci_find_shape(&scratch, kept, &found);
     pci_scratch_end(&scratch);
-    if (done && pci_same_topology(&found, wanted)) {
+    if (!done || !pci_same_topology(&found, wanted)) {
         pc_mesh_free(l->scratch->context, kept);
-        *kept = rest;
-    } else {
-        pc_mesh_free(l->scratch->context, &rest);
     }
     return done;
 }
 
-// Whether no edge has more than two triangles, no vertex more than one fan, and so on: false in
-// `manifold` when repair would change something. False: out of memory, or cancelled.
-static bool check_manifold(const lining *l, bool *manifold) {
-    pci_scratch scratch = pci_scratch_begin(l->scratch->context);
-    pci_repair_counts counts;
-    pc_mesh repaired = {0};
-    const bool done = pci_mesh_repair(&scratch, l->mesh, NULL, &repaired, &counts);
-    *manifold = done && counts.removed_triangles == 0 && counts.split_vertices == 0;
-    pc_mesh_free(scratch.context, &repaired);
-    pci_scratch_end(&scratch);
-    return done;
+// What counting works with: the set of each triangle, whether a vertex is counted, whether a
+// half-edge is on a loop that is.
+typedef struct tally {
+    uint32_t *parents; // #F
+    uint8_t *marks;    // #V
+    uint8_t *walked;   // 3 #F
+} tally;
+
+// The half-edge along the same edge in another triangle that is kept; PC_INVALID_INDEX: none.
+static uint32_t half_across(const lining *l, const uint8_t *keep, uint32_t half) {
+    const uint32_t e = l->topology.triangle_edges[half];
+    const size_t *offsets = l->topology.edge_triangle_offsets;
+    if (e == PC_INVALID_INDEX || offsets[e + 1] - offsets[e] != 2) {
+        return PC_INVALID_INDEX;
+    }
+    const uint32_t *sides = &l->topology.edge_triangles[offsets[e]];
+    const uint32_t other = sides[sides[0] == half / 3 ? 1 : 0];
+    uint32_t across = 3 * other;
+    while (l->topology.triangle_edges[across] != e) {
+        ++across;
+    }
+    return keep[other] ? across : PC_INVALID_INDEX;
 }
 
-// Whether the mesh, a manifold, has as many components and the same Euler characteristic without
-// what goes: take() asks all, but much slower. `parents` (#F) and `marks` (#V) are overwritten.
-static bool may_take(const lining *l, const uint8_t *keep, const pci_shape *wanted,
-                     uint32_t *parents, uint8_t *marks) {
+// The boundary loops of what is kept.
+static size_t count_loops(const lining *l, const uint8_t *keep, uint8_t *walked) {
+    const uint32_t halves = (uint32_t)(3 * l->mesh->triangle_count);
+    size_t count = 0;
+    memset(walked, 0, halves);
+    for (uint32_t start = 0; start < halves; ++start) {
+        if (!keep[start / 3] || walked[start] || half_across(l, keep, start) != PC_INVALID_INDEX) {
+            continue;
+        }
+        ++count;
+        for (uint32_t half = start; !walked[half];) {
+            walked[half] = 1;
+            // Turns around the end of the half-edge until the next one on the border.
+            uint32_t across = half;
+            for (size_t turns = 0; across != PC_INVALID_INDEX && turns < halves; ++turns) {
+                half = pci_next(across);
+                across = half_across(l, keep, half);
+            }
+        }
+    }
+    return count;
+}
+
+// Whether the mesh, a manifold, has the same shape without what goes: as take() finds it, which is
+// much slower.
+static bool fits(const lining *l, const uint8_t *keep, const pci_shape *wanted, const tally *c) {
     enum { used = 1, on_border = 2 };
     const pc_mesh *mesh = l->mesh;
     size_t components = 0, vertices = 0, edges = 0, triangles = 0;
-    pci_singletons(parents, mesh->triangle_count);
-    memset(marks, 0, mesh->vertex_count);
+    pci_singletons(c->parents, mesh->triangle_count);
+    memset(c->marks, 0, mesh->vertex_count);
     for (size_t e = 0; e < l->topology.edge_count; ++e) {
         const size_t begin = l->topology.edge_triangle_offsets[e];
         const uint32_t *sides = &l->topology.edge_triangles[begin];
@@ -259,21 +294,23 @@ static bool may_take(const lining *l, const uint8_t *keep, const pci_shape *want
         const bool first = keep[sides[0]], second = inner && keep[sides[1]];
         edges += first || second;
         if (first && second) {
-            pci_unite(parents, sides[0], sides[1]);
+            pci_unite(c->parents, sides[0], sides[1]);
         } else if (first || second) {
             ++vertices; // two edges of the border end at a vertex
-            marks[l->topology.edges[2 * e]] = marks[l->topology.edges[2 * e + 1]] = on_border;
+            c->marks[l->topology.edges[2 * e]] = on_border;
+            c->marks[l->topology.edges[2 * e + 1]] = on_border;
         }
     }
     for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
         triangles += keep[t];
-        components += keep[t] && pci_find_root(parents, t) == t;
-        for (size_t c = 3 * (size_t)t; c < 3 * (size_t)t + 3 && keep[t]; ++c) {
-            vertices += marks[mesh->triangles[c]] == 0;
-            marks[mesh->triangles[c]] |= used;
+        components += keep[t] && pci_find_root(c->parents, t) == t;
+        for (size_t i = 3 * (size_t)t; i < 3 * (size_t)t + 3 && keep[t]; ++i) {
+            vertices += c->marks[mesh->triangles[i]] == 0;
+            c->marks[mesh->triangles[i]] |= used;
         }
     }
-    return components == wanted->components && vertices + triangles - edges == wanted->euler;
+    return components == wanted->components && vertices + triangles - edges == wanted->euler &&
+           count_loops(l, keep, c->walked) == wanted->boundary_loops;
 }
 
 // `kept` receives the mesh without its linings, if there are some. Where not all pieces can go, as
@@ -282,48 +319,45 @@ static bool cut(const lining *l, uint8_t *keep, pc_mesh *kept) {
     const size_t triangles = l->mesh->triangle_count;
     uint8_t *tried = PCI_SCRATCH(l->scratch, uint8_t, triangles);
     uint32_t *of = PCI_SCRATCH(l->scratch, uint32_t, triangles);
-    uint32_t *parents = PCI_SCRATCH(l->scratch, uint32_t, triangles);
-    uint8_t *marks = PCI_SCRATCH(l->scratch, uint8_t, l->mesh->vertex_count);
+    const tally c = {PCI_SCRATCH(l->scratch, uint32_t, triangles),
+                     PCI_SCRATCH(l->scratch, uint8_t, l->mesh->vertex_count),
+                     PCI_SCRATCH(l->scratch, uint8_t, 3 * triangles)};
     piece *pieces = NULL;
     size_t count = 0;
     pci_shape wanted = {0};
-    bool manifold = false;
-    if (l->scratch->failed || !list_pieces(l, keep, of, &pieces, &count)) {
+    if (l->scratch->failed || !list_pieces(l, keep, of, &pieces, &count) ||
+        (count > 0 && !pci_find_shape(l->scratch, l->mesh, &wanted))) {
         return false;
     }
-    if (count == 0) {
-        return true;
-    }
-    if (!pci_find_shape(l->scratch, l->mesh, &wanted) || !take(l, keep, &wanted, kept)) {
-        return false;
-    }
-    if (kept->triangle_count > 0) {
-        return true;
-    }
-    if (!check_manifold(l, &manifold)) {
-        return false;
+    if (count == 0 || fits(l, keep, &wanted, &c)) {
+        return count == 0 || take(l, keep, &wanted, kept);
     }
     memset(tried, 1, triangles);
+    bool some = false;
     for (size_t i = 0; i < count && i < most_pieces; ++i) {
-        const size_t before = kept->triangle_count;
         for (size_t t = 0; t < triangles; ++t) {
             tried[t] = tried[t] && (keep[t] || of[t] != pieces[i].root);
         }
-        const bool may = !manifold || may_take(l, tried, &wanted, parents, marks);
-        if (may && !take(l, tried, &wanted, kept)) {
-            return false;
-        }
-        for (size_t t = 0; t < triangles && kept->triangle_count == before; ++t) {
+        const bool goes = fits(l, tried, &wanted, &c);
+        some = some || goes;
+        for (size_t t = 0; t < triangles && !goes; ++t) {
             tried[t] = tried[t] || (!keep[t] && of[t] == pieces[i].root);
         }
     }
-    return true;
+    return !some || take(l, tried, &wanted, kept);
 }
 
-// The share of the area that has a ply behind or before it.
+// Asks one in `stride` triangles. False: out of memory, or cancelled.
+static bool find_all_mates(lining *l, size_t stride) {
+    l->stride = stride;
+    return pci_parallel_while_wanted(
+        l->scratch->context, (l->mesh->triangle_count + stride - 1) / stride, grain, find_mates, l);
+}
+
+// The share of the area that has a ply behind or before it, of the triangles that were asked.
 static double doubled_share(const lining *l) {
     double total = 0.0, doubled = 0.0;
-    for (size_t t = 0; t < l->mesh->triangle_count; ++t) {
+    for (size_t t = 0; t < l->mesh->triangle_count; t += l->stride) {
         const double area = pci_triangle_area(l->mesh, t);
         const bool alone =
             l->mates[2 * t] == PC_INVALID_INDEX && l->mates[2 * t + 1] == PC_INVALID_INDEX;
@@ -354,12 +388,13 @@ static pc_status peel(lining *l, const char *stage, pc_mesh *kept) {
                                                                 : pci_fail_memory(context, stage);
 }
 
-pc_status pci_peel_linings(pci_scratch *scratch, const char *stage, double reach,
-                           double least_share, pc_mesh *mesh, bool *peeled) {
+pc_status pci_peel_linings(pci_scratch *scratch, const char *stage, const pci_bvh *bvh,
+                           double reach, double least_share, pc_mesh *mesh, bool *peeled) {
     pc_context *context = scratch->context;
     lining l = {.scratch = scratch, .mesh = mesh, .reach = reach};
-    pci_bvh *bvh = NULL;
+    pci_bvh *own = NULL;
     pc_mesh kept = {0};
+    pc_status status = PC_OK;
     *peeled = false;
     l.component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
     l.normals = PCI_SCRATCH(scratch, double, 3 * mesh->triangle_count);
@@ -368,19 +403,26 @@ pc_status pci_peel_linings(pci_scratch *scratch, const char *stage, double reach
         return pci_fail_memory(context, stage);
     }
     l.component_count = pci_triangle_components(scratch, mesh, &l.topology, l.component);
-    pc_status status = pci_bvh_create(context, stage, mesh, &bvh);
+    if (bvh == NULL) {
+        status = pci_bvh_create(context, stage, mesh, &own);
+    }
     if (status != PC_OK) {
         return status;
     }
-    l.bvh = bvh;
-    const bool done =
-        pci_parallel_while_wanted(context, mesh->triangle_count, grain, find_mates, &l);
-    pci_bvh_destroy(context, bvh);
-    if (!done) {
-        return pci_fail_memory(context, stage);
+    l.bvh = bvh != NULL ? bvh : own;
+    bool done = true, doubled = true;
+    if (least_share > 0.0 &&
+        mesh->triangle_count >= few * grain) { // of small ones chance would tell
+        done = find_all_mates(&l, few);
+        doubled = done && doubled_share(&l) >= 0.5 * least_share;
     }
-    if (doubled_share(&l) < least_share) {
-        return PC_OK;
+    if (doubled) {
+        done = find_all_mates(&l, 1);
+        doubled = done && doubled_share(&l) >= least_share;
+    }
+    pci_bvh_destroy(context, own);
+    if (!done || !doubled) {
+        return done ? PC_OK : pci_fail_memory(context, stage);
     }
     status = peel(&l, stage, &kept);
     *peeled = status == PC_OK && kept.triangle_count > 0;

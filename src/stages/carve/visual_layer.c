@@ -26,8 +26,8 @@ static const double most_folded_share = 0.15;
 static const double sewing_voxels = 4.0, least_covered = 0.99;
 // Linings hang lower than the cloth here and there, in voxels.
 static const double lining_voxels = 2.0;
-// One in so many triangles tells which way a part faces.
-static const size_t facing_stride = 8;
+// One in so many triangles of a part, the first among them, tells which way it faces.
+enum { facing_stride = 8 };
 // Holes of a shorter way around are no openings, in voxels.
 static const double smallest_opening = 3.0;
 // Thicker shells are solids, in voxels.
@@ -130,9 +130,10 @@ static pci_layering classify(probe *p) {
 }
 
 // @param reach  at least this `share` of the vertices of `surface` must be so near to the layer
+// @param tree   receives the layer's, or stays NULL; NULL: not wanted
 static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
                          const pc_mesh *layer, double thickness, double cell_size, double reach,
-                         double share, pci_layering *layering) {
+                         double share, pci_layering *layering, pci_bvh **tree) {
     pc_context *context = scratch->context;
     pci_topology topology;
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
@@ -157,7 +158,11 @@ static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh 
     const bool done =
         pci_parallel_while_wanted(context, layer->triangle_count, grain, look_around, &p) &&
         pci_parallel_while_wanted(context, surface->vertex_count, grain, find_missed, &cover);
-    pci_bvh_destroy(context, bvh);
+    if (tree != NULL) {
+        *tree = bvh;
+    } else {
+        pci_bvh_destroy(context, bvh);
+    }
     if (!done) {
         return pci_fail_memory(context, stage);
     }
@@ -199,8 +204,8 @@ pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mes
     *layering = PCI_LAYERED;
     pc_status status = begin_layer(scratch, stage, cloth, cell_size, layer, filled_loops);
     if (status == PC_OK && layer->triangle_count > 0 && !always) {
-        status =
-            measure(scratch, stage, surface, layer, thickness, cell_size, cell_size, 1.0, layering);
+        status = measure(scratch, stage, surface, layer, thickness, cell_size, cell_size, 1.0,
+                         layering, NULL);
     }
     if (status != PC_OK || (*layering == PCI_LAYERED && !always)) {
         pc_mesh_free(scratch->context, layer);
@@ -209,18 +214,19 @@ pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mes
 }
 
 // Hems and collars that are turned over make a second ply: without them the layer may be plain.
+// `tree`: of the layer, or NULL.
 static pc_status try_peeling(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
-                             double thickness, double cell_size, double reach, pc_mesh *layer,
-                             pci_layering *layering) {
+                             const pci_bvh *tree, double thickness, double cell_size, double reach,
+                             pc_mesh *layer, pci_layering *layering) {
     bool peeled = false;
     pc_mesh rest = {0};
     pci_layering without = PCI_LAYERED;
     pc_status status = pci_mesh_compact(scratch, layer, NULL, &rest, NULL)
-                           ? pci_peel_linings(scratch, stage, cell_size, 0.0, &rest, &peeled)
+                           ? pci_peel_linings(scratch, stage, tree, cell_size, 0.0, &rest, &peeled)
                            : pci_fail_memory(scratch->context, stage);
     if (status == PC_OK && peeled) {
         status = measure(scratch, stage, surface, &rest, thickness, cell_size, reach, least_covered,
-                         &without);
+                         &without, NULL);
     }
     if (status == PC_OK && without == PCI_PLAIN) {
         const pc_mesh swapped = *layer;
@@ -237,9 +243,10 @@ pc_status pci_tailored_layer(pci_scratch *scratch, const char *stage, const pc_m
                              double cell_size, pc_mesh *layer, uint64_t *filled_loops) {
     pci_layering layering = PCI_LAYERED;
     bool sewn = false;
+    pci_bvh *tree = NULL;
     pc_status status = begin_layer(scratch, stage, cloth, cell_size, layer, filled_loops);
     if (status == PC_OK && layer->triangle_count > 0) {
-        status = pci_face_like(scratch, stage, side, facing_stride, layer);
+        status = pci_face_like(scratch, stage, side, layer);
     }
     if (status == PC_OK && layer->triangle_count > 0) {
         status = pci_sew_parts(scratch, stage, sewing_voxels * cell_size, layer, &sewn);
@@ -247,12 +254,13 @@ pc_status pci_tailored_layer(pci_scratch *scratch, const char *stage, const pc_m
     const double reach = (sewn ? sewing_voxels : lining_voxels) * cell_size;
     if (status == PC_OK && layer->triangle_count > 0) {
         status = measure(scratch, stage, surface, layer, thickness, cell_size, reach, least_covered,
-                         &layering);
+                         &layering, &tree);
     }
     if (status == PC_OK && layering != PCI_PLAIN && layer->triangle_count > 0) {
-        status =
-            try_peeling(scratch, stage, surface, thickness, cell_size, reach, layer, &layering);
+        status = try_peeling(scratch, stage, surface, tree, thickness, cell_size, reach, layer,
+                             &layering);
     }
+    pci_bvh_destroy(scratch->context, tree);
     if (status != PC_OK || !(layering == PCI_PLAIN || (layering == PCI_FOLDED && sewn))) {
         pc_mesh_free(scratch->context, layer);
     }
@@ -264,50 +272,53 @@ pc_status pci_tailored_layer(pci_scratch *scratch, const char *stage, const pc_m
 typedef struct facing {
     const pci_bvh *bvh;
     const pc_mesh *reference, *layer;
-    size_t stride;
-    double *votes; // #F of the layer
+    const uint32_t *asked; // triangles of the layer
+    double *votes;         // of those
 } facing;
 
 static void compare_facing(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const facing *f = user;
     uint32_t nearest = PC_INVALID_INDEX;
-    for (size_t t = begin; t < end; ++t) {
-        if (t % f->stride != 0) {
-            continue;
-        }
+    for (size_t i = begin; i < end; ++i) {
         double middle[3], ours[3], theirs[3];
-        pci_triangle_middle(f->layer, t, middle);
-        pci_triangle_vector(f->layer, t, ours);
+        pci_triangle_middle(f->layer, f->asked[i], middle);
+        pci_triangle_vector(f->layer, f->asked[i], ours);
         nearest = pci_bvh_closest_near(f->bvh, middle, nearest).triangle;
         pci_triangle_vector(f->reference, nearest, theirs);
-        f->votes[t] = pci_normalize(theirs) ? pci_dot(ours, theirs) : 0.0;
+        f->votes[i] = pci_normalize(theirs) ? pci_dot(ours, theirs) : 0.0;
     }
 }
 
 pc_status pci_face_like(pci_scratch *scratch, const char *stage, const pc_mesh *reference,
-                        size_t stride, pc_mesh *layer) {
-    pci_topology topology;
+                        pc_mesh *layer) {
     pci_bvh *bvh = NULL;
     double *votes = PCI_SCRATCH(scratch, double, layer->triangle_count);
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
-    if (scratch->failed || !pci_topology_build_edges(scratch, layer, &topology)) {
+    uint32_t *asked = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
+    if (scratch->failed) {
         return pci_fail_memory(scratch->context, stage);
     }
-    const size_t count = pci_triangle_components(scratch, layer, &topology, component);
+    const size_t count = pci_manifold_components(scratch, layer, component);
     double *sums = PCI_SCRATCH(scratch, double, count);
-    if (sums == NULL) {
+    size_t *met = PCI_SCRATCH(scratch, size_t, count), asked_count = 0;
+    if (scratch->failed) {
         return pci_fail_memory(scratch->context, stage);
     }
     const pc_status status = pci_bvh_create(scratch->context, stage, reference, &bvh);
     if (status != PC_OK) {
         return status;
     }
-    facing job = {bvh, reference, layer, stride, votes};
-    pci_parallel_for(scratch->context, layer->triangle_count, grain, compare_facing, &job);
+    for (uint32_t t = 0; t < layer->triangle_count; ++t) {
+        if (met[component[t]]++ % facing_stride == 0) {
+            asked[asked_count++] = t;
+        }
+    }
+    facing job = {bvh, reference, layer, asked, votes};
+    pci_parallel_for(scratch->context, asked_count, grain, compare_facing, &job);
     pci_bvh_destroy(scratch->context, bvh);
-    for (size_t t = 0; t < layer->triangle_count; ++t) {
-        sums[component[t]] += votes[t];
+    for (size_t i = 0; i < asked_count; ++i) {
+        sums[component[asked[i]]] += votes[i];
     }
     for (size_t t = 0; t < layer->triangle_count; ++t) {
         if (sums[component[t]] < 0.0) {

@@ -36,10 +36,10 @@ PC_NODISCARD pc_status pci_tailored_layer(pci_scratch *scratch, const char *stag
                                           const pc_mesh *side, double thickness, double cell_size,
                                           pc_mesh *layer, uint64_t *filled_loops);
 
-// Turns the components of `layer` over that face the other way than `reference`, by the area of one
-// in `stride` triangles.
+// Turns the components of `layer` over that face the other way than `reference`, by the area of
+// some of their triangles.
 // PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY.
 PC_NODISCARD pc_status pci_face_like(pci_scratch *scratch, const char *stage,
-                                     const pc_mesh *reference, size_t stride, pc_mesh *layer);
+                                     const pc_mesh *reference, pc_mesh *layer);
 
 #endif

@@ -8,8 +8,9 @@
 
 enum { grain = 256 };
 
-// A web is farther than this from the cloth, in voxels, and so are parts of it that bridge the gap.
-static const double web_voxels = 0.25;
+// A web is farther than this from the cloth, in voxels, and parts of it that bridge the gap are
+// farther than that.
+static const double web_voxels = 0.25, bridge_voxels = 0.5;
 // The walls of a gap begin so far from the layer without its webs, in voxels, and end within so
 // many of a web's border.
 static const double wall_voxels = 0.1, seam_voxels = 1.5;
@@ -22,7 +23,6 @@ static const double least_depth = 0.5;
 typedef struct patch {
     size_t triangles, inner_vertices, loops;
     pci_loop border; // one of the loops
-    double depth;    // of walls, from the webs
     bool taken;
 } patch;
 
@@ -98,7 +98,7 @@ static bool find_patches(pci_scratch *scratch, const pc_mesh *mesh, const uint8_
 typedef struct away_job {
     const pci_bvh *cloth;
     const pc_mesh *layer;
-    double reach;
+    double cell_size;
     uint8_t *away; // #F
 } away_job;
 
@@ -109,19 +109,23 @@ static void mark_away(void *user, size_t begin, size_t end, uint32_t worker) {
     for (size_t t = begin; t < end; ++t) {
         double middle[3];
         pci_triangle_middle(job->layer, t, middle);
-        job->away[t] = !pci_bvh_within_near(job->cloth, middle, job->reach, &last);
+        job->away[t] =
+            pci_bvh_within_near(job->cloth, middle, web_voxels * job->cell_size, &last) ? PCI_NEAR
+            : pci_bvh_within_near(job->cloth, middle, bridge_voxels * job->cell_size, &last)
+                ? PCI_AWAY
+                : PCI_BRIDGE;
     }
 }
 
-bool pci_find_away(pc_context *context, const pci_bvh *cloth, const pc_mesh *layer, double reach,
-                   uint8_t *away) {
-    away_job job = {cloth, layer, reach, away};
+bool pci_find_away(pc_context *context, const pci_bvh *cloth, const pc_mesh *layer,
+                   double cell_size, uint8_t *away) {
+    away_job job = {cloth, layer, cell_size, away};
     return pci_parallel_while_wanted(context, layer->triangle_count, grain, mark_away, &job);
 }
 
-// Keeps connected pieces with a bridge only. False: out of memory.
-static bool keep_bridges(pci_scratch *scratch, const pc_mesh *layer, const pci_topology *topology,
-                         const uint8_t *bridges, uint8_t *web) {
+// Marks connected pieces of what is away that have a bridge. False: out of memory.
+static bool mark_webs(pci_scratch *scratch, const pc_mesh *layer, const pci_topology *topology,
+                      const uint8_t *away, uint8_t *web) {
     uint32_t *piece = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
     uint8_t *bridge = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
     if (scratch->failed) {
@@ -131,15 +135,16 @@ static bool keep_bridges(pci_scratch *scratch, const pc_mesh *layer, const pci_t
     for (size_t e = 0; e < topology->edge_count; ++e) {
         const size_t first = topology->edge_triangle_offsets[e];
         const uint32_t *sides = &topology->edge_triangles[first];
-        if (topology->edge_triangle_offsets[e + 1] - first == 2 && web[sides[0]] && web[sides[1]]) {
+        if (topology->edge_triangle_offsets[e + 1] - first == 2 && away[sides[0]] &&
+            away[sides[1]]) {
             pci_unite(piece, sides[0], sides[1]);
         }
     }
     for (uint32_t t = 0; t < layer->triangle_count; ++t) {
-        bridge[pci_find_root(piece, t)] |= bridges[t];
+        bridge[pci_find_root(piece, t)] |= away[t] == PCI_BRIDGE;
     }
     for (uint32_t t = 0; t < layer->triangle_count; ++t) {
-        web[t] = web[t] && bridge[pci_find_root(piece, t)];
+        web[t] = away[t] && bridge[pci_find_root(piece, t)];
     }
     return true;
 }
@@ -256,21 +261,20 @@ static pc_status measure_beyond(pci_scratch *scratch, const char *stage, const p
     return status;
 }
 
-static pc_status measure_depths(pci_scratch *scratch, const char *stage, const pc_mesh *webs,
-                                patches *walls) {
-    pci_bvh *bvh = NULL;
-    const pc_status status = pci_bvh_create(scratch->context, stage, webs, &bvh);
+// Takes the walls that are no discs, and those that are nowhere `depth` away from the webs.
+static void leave_shallow(const pci_bvh *webs, double depth, patches *walls) {
     uint32_t last = PC_INVALID_INDEX;
-    for (size_t t = 0; t < walls->mesh.triangle_count && status == PC_OK; ++t) {
-        double middle[3];
-        pci_triangle_middle(&walls->mesh, t, middle);
-        const pci_closest closest = pci_bvh_closest_near(bvh, middle, last);
-        patch *wall = &walls->list[walls->component[t]];
-        wall->depth = fmax(wall->depth, closest.distance);
-        last = closest.triangle;
+    for (size_t i = 0; i < walls->count; ++i) {
+        walls->list[i].taken = true;
     }
-    pci_bvh_destroy(scratch->context, bvh);
-    return status;
+    for (size_t t = 0; t < walls->mesh.triangle_count; ++t) {
+        patch *wall = &walls->list[walls->component[t]];
+        if (wall->taken && is_disc(wall)) {
+            double middle[3];
+            pci_triangle_middle(&walls->mesh, t, middle);
+            wall->taken = pci_bvh_within_near(webs, middle, depth, &last);
+        }
+    }
 }
 
 // ---- replacement --------------------------------------------------------------------------------
@@ -321,8 +325,7 @@ static bool mend(pci_scratch *scratch, mending *m, double reach, patch *web, boo
     for (size_t i = 0; i < m->walls->count; ++i) {
         patch *wall = &m->walls->list[i];
         pci_seam seam;
-        if (!wall->taken && is_disc(wall) &&
-            pci_find_seam(&web->border, &wall->border, reach, &seam) &&
+        if (!wall->taken && pci_find_seam(&web->border, &wall->border, reach, &seam) &&
             seam.steps == wall->border.count) {
             *mended = wall->taken = true;
             return pci_keep_going(scratch->context) && sew_wall(scratch, m, web, i, &seam);
@@ -402,43 +405,38 @@ static bool replace_webs(pci_scratch *scratch, const uint8_t *web, patches *webs
     return done;
 }
 
-// Takes walls that are at least so much beyond the border.
-static pc_status try_walls(pci_scratch *scratch, const char *stage, const pc_mesh *projected,
-                           const uint8_t *beyond, uint8_t least, const uint8_t *web, patches *webs,
-                           double cell_size, pc_mesh *layer, bool *mended) {
+// Takes walls that are at least so much beyond the border. False: out of memory, or cancelled.
+static bool try_walls(pci_scratch *scratch, const pc_mesh *projected, const uint8_t *beyond,
+                      uint8_t least, const uint8_t *web, const pci_bvh *web_bvh, patches *webs,
+                      double cell_size, pc_mesh *layer, bool *mended) {
     patches walls = {0};
     uint8_t *marked = PCI_SCRATCH(scratch, uint8_t, projected->triangle_count);
     for (size_t t = 0; t < projected->triangle_count && marked != NULL; ++t) {
         marked[t] = beyond[t] >= least;
     }
-    pc_status status = marked != NULL && find_patches(scratch, projected, marked, &walls)
-                           ? measure_depths(scratch, stage, &webs->mesh, &walls)
-                           : pci_fail_memory(scratch->context, stage);
-    for (size_t i = 0; i < walls.count && status == PC_OK; ++i) {
-        walls.list[i].taken = walls.list[i].depth < least_depth * cell_size;
-    }
-    if (status == PC_OK &&
-        !replace_webs(scratch, web, webs, &walls, seam_voxels * cell_size, layer, mended)) {
-        status = pci_fail_memory(scratch->context, stage);
+    bool done = marked != NULL && find_patches(scratch, projected, marked, &walls);
+    if (done) {
+        leave_shallow(web_bvh, least_depth * cell_size, &walls);
+        done = replace_webs(scratch, web, webs, &walls, seam_voxels * cell_size, layer, mended);
     }
     pc_mesh_free(scratch->context, &walls.mesh);
-    return status;
+    return done;
 }
 
-pc_status pci_mend_webs(pci_scratch *scratch, const char *stage, const pci_bvh *cloth,
-                        const pc_mesh *projected, const uint8_t *kept, const uint8_t *bridges,
-                        double cell_size, bool strictly, pc_mesh *layer, bool *mended) {
+pc_status pci_mend_webs(pci_scratch *scratch, const char *stage, const pc_mesh *projected,
+                        const uint8_t *kept, const uint8_t *away, double cell_size, bool strictly,
+                        pc_mesh *layer, bool *mended) {
     pc_context *context = scratch->context;
     pci_topology topology;
     patches webs = {0};
+    pci_bvh *web_bvh = NULL;
     uint8_t *web = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
     uint8_t *corners = PCI_SCRATCH(scratch, uint8_t, layer->vertex_count);
     uint8_t *beyond = PCI_SCRATCH(scratch, uint8_t, projected->triangle_count);
     bool some = false;
     *mended = false;
     if (scratch->failed || !pci_topology_build_edges(scratch, layer, &topology) ||
-        !pci_find_away(context, cloth, layer, web_voxels * cell_size, web) ||
-        !keep_bridges(scratch, layer, &topology, bridges, web)) {
+        !mark_webs(scratch, layer, &topology, away, web)) {
         return pci_fail_memory(context, stage);
     }
     widen(layer, web, corners);
@@ -454,11 +452,17 @@ pc_status pci_mend_webs(pci_scratch *scratch, const char *stage, const pci_bvh *
         status = measure_beyond(scratch, stage, layer, web, corners, projected, kept,
                                 wall_voxels * cell_size, beyond);
     }
+    if (status == PC_OK && some) {
+        status = pci_bvh_create(context, stage, &webs.mesh, &web_bvh);
+    }
     for (uint8_t least = strictly ? STRICTLY : LOOSELY;
          least >= LOOSELY && some && !*mended && status == PC_OK; --least) {
-        status = try_walls(scratch, stage, projected, beyond, least, web, &webs, cell_size, layer,
-                           mended);
+        status = try_walls(scratch, projected, beyond, least, web, web_bvh, &webs, cell_size, layer,
+                           mended)
+                     ? PC_OK
+                     : pci_fail_memory(context, stage);
     }
+    pci_bvh_destroy(context, web_bvh);
     pc_mesh_free(context, &webs.mesh);
     return status;
 }

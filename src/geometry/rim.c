@@ -18,6 +18,10 @@ typedef struct figure {
     double area, moment[2];
 } figure;
 
+static inline double clamp(double x, double low, double high) {
+    return x > low ? x < high ? x : high : low;
+}
+
 // Adds the triangle between the origin and the side a b; negative when it runs clockwise.
 static void add_wedge(figure *f, const double a[2], const double b[2]) {
     const double area = 0.5 * (a[0] * b[1] - a[1] * b[0]);
@@ -79,8 +83,7 @@ static void add_side(figure *f, arc *c, const double a[2], const double b[2]) {
     }
     const double inverse = 1.0 / length2, half = sqrt(reach2) * inverse;
     const double middle = -(a[0] * d[0] + a[1] * d[1]) * inverse;
-    const double enter = fmin(fmax(middle - half, 0.0), 1.0);
-    const double leave = fmin(fmax(middle + half, 0.0), 1.0);
+    const double enter = clamp(middle - half, 0.0, 1.0), leave = clamp(middle + half, 0.0, 1.0);
     if (!(enter < leave)) {
         add_turn(c, a, b);
         return;
@@ -99,7 +102,7 @@ static void add_side(figure *f, arc *c, const double a[2], const double b[2]) {
 }
 
 // No figure inside the ball has more than pi, but for rounding in triangles that are far larger.
-static int64_t whole_units(double share) { return (int64_t)(fmin(fmax(share, -4.0), 4.0) / UNIT); }
+static int64_t whole_units(double share) { return (int64_t)(clamp(share, -4.0, 4.0) / UNIT); }
 
 static void add_part(ball *b, double area, const double moment[3]) {
     const double square = b->radius * b->radius;
@@ -126,7 +129,8 @@ static void add_triangle(ball *b, const double corners[3][3]) {
     pci_sub(corners[2], corners[0], v);
     pci_cross(u, v, normal);
     for (size_t k = 0; k < 3; ++k) {
-        farthest = fmax(farthest, pci_squared_distance(corners[k], b->centre));
+        const double square = pci_squared_distance(corners[k], b->centre);
+        farthest = square > farthest ? square : farthest;
     }
     if (farthest <= b->radius * b->radius) { // as most triangles of a dense mesh are
         add_whole(b, corners, normal);

@@ -37,7 +37,9 @@
 ///   counts the vertices that have another part, over the same proxy triangles or their neighbours,
 ///   nearer than half of l, the root mean square length of the edges; p(i) is its closest point and
 ///   s_i = l min(l, l_i) / (d^2 + l^2 / 100), with the distance d at rest and the mean length l_i
-///   of the edges at i. Closest-triangle weights keep parts apart by themselves, being the same for
+///   of the edges at i. Parts may be sunk into each other at rest: where an edge passes through a
+///   triangle, the points that meet there count in the same way, with d = 0 and the lesser l_i of
+///   the edge's ends. Closest-triangle weights keep parts apart by themselves, being the same for
 ///   all layers.
 /// - Edges count alike whatever their length (`equal_edges`): L_r, L_c and L_s give each edge the
 ///   stiffness l^2 / |e|^2, l^2 the mean square. As printed, small triangles cost nothing and

@@ -31,7 +31,7 @@ static int compare_triangles(const void *a, const void *b) {
 }
 
 // Marks the proper triangles that occur for the first time.
-static bool drop_degenerate(repair *r, const uint8_t *keep) {
+static bool drop_degenerate(repair *r) {
     const pc_mesh *mesh = r->mesh;
     sorted_triangle *sorted = PCI_SCRATCH(r->scratch, sorted_triangle, mesh->triangle_count);
     if (sorted == NULL) {
@@ -41,7 +41,7 @@ static bool drop_degenerate(repair *r, const uint8_t *keep) {
     for (size_t t = 0; t < mesh->triangle_count; ++t) {
         uint32_t c[3];
         memcpy(c, &mesh->triangles[3 * t], sizeof(c));
-        if ((keep != NULL && !keep[t]) || c[0] == c[1] || c[1] == c[2] || c[2] == c[0]) {
+        if (c[0] == c[1] || c[1] == c[2] || c[2] == c[0]) {
             continue;
         }
         for (size_t i = 0; i < 3; ++i) { // three compare-and-swaps sort three numbers
@@ -340,35 +340,128 @@ static bool write_result(repair *r, pc_mesh *result, pci_repair_counts *counts) 
     return true;
 }
 
-bool pci_mesh_repair(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *keep,
-                     pc_mesh *result, pci_repair_counts *counts) {
-    const size_t nf = mesh->triangle_count;
-    memset(counts, 0, sizeof(*counts));
-    repair r = {.scratch = scratch, .mesh = mesh};
-    r.alive = PCI_SCRATCH(scratch, uint8_t, nf);
-    r.glued = PCI_SCRATCH(scratch, uint32_t, 3 * nf);
-    r.flipped = PCI_SCRATCH(scratch, uint8_t, nf);
-    r.parent = PCI_SCRATCH(scratch, uint32_t, 3 * nf);
-    r.triangles = PCI_SCRATCH(scratch, uint32_t, 3 * nf);
+// ---- meshes that are in order -------------------------------------------------------------------
+
+// Whether every edge has one triangle, or two that run along it in opposite directions. `twins`
+// (3 #F) receives the half-edges on the other side.
+static bool find_twins(const repair *r, uint32_t *twins) {
+    const pci_topology *topology = &r->topology;
+    memset(twins, 0xff, 3 * r->mesh->triangle_count * sizeof(*twins));
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        const size_t first = topology->edge_triangle_offsets[e];
+        const size_t count = topology->edge_triangle_offsets[e + 1] - first;
+        if (count > 2) {
+            return false;
+        }
+        if (count == 2) {
+            const uint32_t h = half_along(topology, topology->edge_triangles[first], e);
+            const uint32_t g = half_along(topology, topology->edge_triangles[first + 1], e);
+            if (r->mesh->triangles[h] == r->mesh->triangles[g]) {
+                return false;
+            }
+            twins[h] = g;
+            twins[g] = h;
+        }
+    }
+    return true;
+}
+
+// Whether some triangle has a repeated vertex, or its copy on the other side of all three edges.
+static bool has_improper(const repair *r, const uint32_t *twins) {
+    bool improper = false;
+    for (size_t h = 0; h < 3 * r->mesh->triangle_count && !improper; h += 3) {
+        const uint32_t *edges = &r->topology.triangle_edges[h];
+        improper = edges[0] == PC_INVALID_INDEX || edges[1] == PC_INVALID_INDEX ||
+                   edges[2] == PC_INVALID_INDEX ||
+                   (twins[h] != PC_INVALID_INDEX && twins[h] / 3 == twins[h + 1] / 3 &&
+                    twins[h] / 3 == twins[h + 2] / 3);
+    }
+    return improper;
+}
+
+// Counts the fans of all vertices, those that end at borders first. `visited` (3 #F) is zeroed.
+static size_t count_fans(const repair *r, const uint32_t *twins, uint8_t *visited) {
+    const uint32_t corners = (uint32_t)(3 * r->mesh->triangle_count);
+    size_t count = 0;
+    for (int pass = 0; pass < 2; ++pass) {
+        for (uint32_t start = 0; start < corners; ++start) {
+            if (visited[start] || (pass == 0 && twins[start] != PC_INVALID_INDEX)) {
+                continue;
+            }
+            ++count;
+            for (uint32_t h = start; h != PC_INVALID_INDEX && !visited[h];) {
+                visited[h] = 1;
+                h = twins[h % 3 == 0 ? h + 2 : h - 1];
+            }
+        }
+    }
+    return count;
+}
+
+// Whether nothing is to be repaired: most meshes here were repaired before.
+static bool is_in_order(const repair *r) {
+    const pc_mesh *mesh = r->mesh;
+    uint32_t *twins = PCI_SCRATCH(r->scratch, uint32_t, 3 * mesh->triangle_count);
+    uint8_t *visited = PCI_SCRATCH(r->scratch, uint8_t, 3 * mesh->triangle_count);
+    uint8_t *used = PCI_SCRATCH(r->scratch, uint8_t, mesh->vertex_count);
+    if (r->scratch->failed || !find_twins(r, twins) || has_improper(r, twins)) {
+        return false;
+    }
+    size_t vertices = 0;
+    for (size_t c = 0; c < 3 * mesh->triangle_count; ++c) {
+        vertices += !used[mesh->triangles[c]];
+        used[mesh->triangles[c]] = 1;
+    }
+    return count_fans(r, twins, visited) == vertices;
+}
+
+// ---- entry --------------------------------------------------------------------------------------
+
+static bool repair_all(repair *r, pc_mesh *result, pci_repair_counts *counts) {
+    pci_scratch *scratch = r->scratch;
+    const size_t nf = r->mesh->triangle_count;
+    r->alive = PCI_SCRATCH(scratch, uint8_t, nf);
+    r->glued = PCI_SCRATCH(scratch, uint32_t, 3 * nf);
+    r->flipped = PCI_SCRATCH(scratch, uint8_t, nf);
+    r->parent = PCI_SCRATCH(scratch, uint32_t, 3 * nf);
+    r->triangles = PCI_SCRATCH(scratch, uint32_t, 3 * nf);
     fan_edge *edges = PCI_SCRATCH(scratch, fan_edge, 3 * nf);
-    if (scratch->failed || !drop_degenerate(&r, keep) ||
-        !pci_topology_build_edges(scratch, mesh, &r.topology)) {
+    if (scratch->failed || !drop_degenerate(r)) {
         return false;
     }
     // A removal can free a better pairing, so everything else is decided anew.
     size_t removed = 0;
     do {
-        glue_edges(&r);
-        if (!pci_keep_going(scratch->context) || !orient(&r) || !pci_keep_going(scratch->context)) {
+        glue_edges(r);
+        if (!pci_keep_going(scratch->context) || !orient(r) || !pci_keep_going(scratch->context)) {
             return false;
         }
-        find_fans(&r);
-        if (!pci_keep_going(scratch->context) || !remove_crowded(&r, edges, &removed)) {
+        find_fans(r);
+        if (!pci_keep_going(scratch->context) || !remove_crowded(r, edges, &removed)) {
             return false;
         }
     } while (removed > 0);
     for (size_t t = 0; t < nf; ++t) {
-        counts->removed_triangles += (keep == NULL || keep[t]) && !r.alive[t];
+        counts->removed_triangles += !r->alive[t];
     }
-    return pci_keep_going(scratch->context) && write_result(&r, result, counts);
+    return pci_keep_going(scratch->context) && write_result(r, result, counts);
+}
+
+bool pci_mesh_repair(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *keep,
+                     pc_mesh *result, pci_repair_counts *counts) {
+    pc_mesh kept = {0};
+    repair r = {.scratch = scratch, .mesh = keep == NULL ? mesh : &kept};
+    memset(counts, 0, sizeof(*counts));
+    bool done = (keep == NULL || pci_mesh_compact(scratch, mesh, keep, &kept, NULL)) &&
+                pci_topology_build_edges(scratch, r.mesh, &r.topology);
+    if (done && !is_in_order(&r)) {
+        done = !scratch->failed && repair_all(&r, result, counts);
+    } else if (done && keep == NULL) {
+        done = pci_mesh_compact(scratch, mesh, NULL, result, NULL);
+    } else if (done) {
+        *result = kept;
+        kept = (pc_mesh){0};
+    }
+    pc_mesh_free(scratch->context, &kept);
+    return done;
 }

@@ -6,15 +6,21 @@
 
 enum { most_triangles = 2048, most_candidates = 1 << 16, edge_grain = 64 };
 
+// Sums of whole numbers do not depend on the order of the triangles, which the tree decides.
 typedef struct ball {
     double centre[3], radius;
-    double area, moment[3]; // of the surface inside, about the centre
+    int64_t area, moment[3]; // of the surface inside, about the centre, in UNITs of radius^2, ^3
 } ball;
+#define UNIT 0x1p-48
 
 // A plane figure: its area and first moment about the origin.
 typedef struct figure {
     double area, moment[2];
 } figure;
+
+static inline double clamp(double x, double low, double high) {
+    return x > low ? x < high ? x : high : low;
+}
 
 // Adds the triangle between the origin and the side a b; negative when it runs clockwise.
 static void add_wedge(figure *f, const double a[2], const double b[2]) {
@@ -25,22 +31,38 @@ static void add_wedge(figure *f, const double a[2], const double b[2]) {
     }
 }
 
-// The same for the sector of a circle between the directions of a and b.
-static void add_sector(figure *f, double radius, const double a[2], const double b[2]) {
-    const double angle = atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1]);
-    const double lengths[2] = {sqrt(a[0] * a[0] + a[1] * a[1]), sqrt(b[0] * b[0] + b[1] * b[1])};
-    if (!(lengths[0] > 0.0 && lengths[1] > 0.0)) {
-        return;
-    }
-    f->area += 0.5 * radius * radius * angle;
-    const double third = radius * radius * radius / 3.0;
-    f->moment[0] += third * (b[1] / lengths[1] - a[1] / lengths[0]);
-    f->moment[1] -= third * (b[0] / lengths[1] - a[0] / lengths[0]);
+// Along the circle the figure is made of sectors: a product of the turns between their ends, as
+// complex numbers, is one of the whole angle while they are acute.
+typedef struct arc {
+    double radius, turn[2], angle;
+} arc;
+
+static void end_turn(arc *c) {
+    c->angle += atan2(c->turn[1], c->turn[0]);
+    c->turn[0] = 1.0, c->turn[1] = 0.0;
 }
 
-// Adds what lies between the origin and the directed side a b, inside the circle.
-static void add_side(figure *f, double radius, const double a[2], const double b[2]) {
-    const double d[2] = {b[0] - a[0], b[1] - a[1]};
+// From the direction of a to that of b.
+static void add_turn(arc *c, const double a[2], const double b[2]) {
+    const double along = a[0] * b[0] + a[1] * b[1], across = a[0] * b[1] - a[1] * b[0];
+    if (!(c->turn[0] > 0.0 && along > 0.0)) {
+        end_turn(c);
+    }
+    const double x = c->turn[0] * along - c->turn[1] * across;
+    c->turn[1] = c->turn[0] * across + c->turn[1] * along;
+    c->turn[0] = x;
+}
+
+// The moment of sectors depends on where they begin (sign -1) and end (1), on the circle.
+static void add_end(figure *f, double radius, double sign, const double at[2]) {
+    const double third = sign * radius * radius / 3.0;
+    f->moment[0] += third * at[1];
+    f->moment[1] -= third * at[0];
+}
+
+// Adds what lies between the origin and the directed side a b, inside the circle; sectors to `c`.
+static void add_side(figure *f, arc *c, const double a[2], const double b[2]) {
+    const double d[2] = {b[0] - a[0], b[1] - a[1]}, radius = c->radius;
     const double length2 = d[0] * d[0] + d[1] * d[1];
     if (!(length2 > 0.0)) {
         return;
@@ -53,33 +75,67 @@ static void add_side(figure *f, double radius, const double a[2], const double b
         return;
     }
     // The side is inside for parameters from `enter` to `leave`.
-    const double middle = -(a[0] * d[0] + a[1] * d[1]) / length2;
     const double cross = a[0] * d[1] - a[1] * d[0];
-    const double half2 = (radius * radius - cross * cross / length2) / length2;
-    const double half = half2 > 0.0 ? sqrt(half2) : 0.0;
-    const double enter = fmin(fmax(middle - half, 0.0), 1.0);
-    const double leave = fmin(fmax(middle + half, 0.0), 1.0);
+    const double reach2 = radius * radius * length2 - cross * cross;
+    if (!(reach2 > 0.0)) {
+        add_turn(c, a, b);
+        return;
+    }
+    const double inverse = 1.0 / length2, half = sqrt(reach2) * inverse;
+    const double middle = -(a[0] * d[0] + a[1] * d[1]) * inverse;
+    const double enter = clamp(middle - half, 0.0, 1.0), leave = clamp(middle + half, 0.0, 1.0);
     if (!(enter < leave)) {
-        add_sector(f, radius, a, b);
+        add_turn(c, a, b);
         return;
     }
     const double p[2] = {a[0] + enter * d[0], a[1] + enter * d[1]};
     const double q[2] = {a[0] + leave * d[0], a[1] + leave * d[1]};
     add_wedge(f, p, q);
     if (enter > 0.0) {
-        add_sector(f, radius, a, p);
+        add_turn(c, a, p);
+        add_end(f, radius, 1.0, p);
     }
     if (leave < 1.0) {
-        add_sector(f, radius, q, b);
+        add_end(f, radius, -1.0, q);
+        add_turn(c, q, b);
     }
+}
+
+// No figure inside the ball has more than pi, but for rounding in triangles that are far larger.
+static int64_t whole_units(double share) { return (int64_t)(clamp(share, -4.0, 4.0) / UNIT); }
+
+static void add_part(ball *b, double area, const double moment[3]) {
+    const double square = b->radius * b->radius;
+    b->area += whole_units(area / square);
+    for (size_t k = 0; k < 3; ++k) {
+        b->moment[k] += whole_units(moment[k] / (square * b->radius));
+    }
+}
+
+// Adds a triangle that is inside as a whole.
+static void add_whole(ball *b, const double corners[3][3], const double normal[3]) {
+    const double area = 0.5 * pci_norm(normal);
+    double moment[3];
+    for (size_t k = 0; k < 3; ++k) {
+        moment[k] = area * ((corners[0][k] + corners[1][k] + corners[2][k]) / 3.0 - b->centre[k]);
+    }
+    add_part(b, area, moment);
 }
 
 // Adds the part of a triangle inside the ball: in its plane, that inside a circle.
 static void add_triangle(ball *b, const double corners[3][3]) {
-    double u[3], v[3], normal[3], from[3];
+    double u[3], v[3], normal[3], from[3], farthest = 0.0;
     pci_sub(corners[1], corners[0], u);
     pci_sub(corners[2], corners[0], v);
     pci_cross(u, v, normal);
+    for (size_t k = 0; k < 3; ++k) {
+        const double square = pci_squared_distance(corners[k], b->centre);
+        farthest = square > farthest ? square : farthest;
+    }
+    if (farthest <= b->radius * b->radius) { // as most triangles of a dense mesh are
+        add_whole(b, corners, normal);
+        return;
+    }
     if (!pci_normalize(normal) || !pci_normalize(u)) {
         return;
     }
@@ -96,37 +152,23 @@ static void add_triangle(ball *b, const double corners[3][3]) {
         flat[k][0] = pci_dot(from, u), flat[k][1] = pci_dot(from, v);
     }
     figure f = {0};
-    const double radius = sqrt(square);
+    arc c = {.radius = sqrt(square), .turn = {1.0, 0.0}};
     for (size_t k = 0; k < 3; ++k) {
-        add_side(&f, radius, flat[k], flat[(k + 1) % 3]);
+        add_side(&f, &c, flat[k], flat[(k + 1) % 3]);
     }
-    b->area += f.area;
+    end_turn(&c);
+    f.area += 0.5 * square * c.angle;
+    double moment[3];
     for (size_t k = 0; k < 3; ++k) {
-        b->moment[k] += f.moment[0] * u[k] + f.moment[1] * v[k] + f.area * height * normal[k];
+        moment[k] = f.moment[0] * u[k] + f.moment[1] * v[k] + f.area * height * normal[k];
     }
-}
-
-// Shell's method: a list of some hundred numbers is sorted before qsort has copied it.
-static void sort_numbers(uint32_t *list, size_t count) {
-    static const size_t gaps[] = {701, 301, 132, 57, 23, 10, 4, 1};
-    for (size_t g = 0; g < sizeof(gaps) / sizeof(gaps[0]); ++g) {
-        const size_t gap = gaps[g];
-        for (size_t i = gap; i < count; ++i) {
-            const uint32_t number = list[i];
-            size_t at = i;
-            for (; at >= gap && list[at - gap] > number; at -= gap) {
-                list[at] = list[at - gap];
-            }
-            list[at] = number;
-        }
-    }
+    add_part(b, f.area, moment);
 }
 
 double pci_one_sided(const pci_bvh *bvh, const pc_mesh *mesh, const double point[3],
                      double radius) {
     uint32_t triangles[most_triangles];
     const size_t count = pci_bvh_collect_fitting(bvh, point, &radius, most_triangles, triangles);
-    sort_numbers(triangles, count); // so that sums do not depend on their order
     ball b = {.centre = {point[0], point[1], point[2]}, .radius = radius};
     for (size_t i = 0; i < count; ++i) {
         double corners[3][3];
@@ -136,7 +178,8 @@ double pci_one_sided(const pci_bvh *bvh, const pc_mesh *mesh, const double point
         }
         add_triangle(&b, (const double(*)[3])corners);
     }
-    return b.area > 0.0 ? pci_norm(b.moment) / (b.area * radius) : 0.0;
+    const double moment[3] = {(double)b.moment[0], (double)b.moment[1], (double)b.moment[2]};
+    return b.area > 0 ? pci_norm(moment) / (double)b.area : 0.0;
 }
 
 // ---- rim points ---------------------------------------------------------------------------------

@@ -364,6 +364,25 @@ size_t pci_vertex_components(const pc_mesh *mesh, uint32_t *parents) {
     return count;
 }
 
+size_t pci_manifold_components(pci_scratch *scratch, const pc_mesh *mesh, uint32_t *component) {
+    uint32_t *parents = PCI_SCRATCH(scratch, uint32_t, mesh->vertex_count);
+    uint32_t *numbers = PCI_SCRATCH(scratch, uint32_t, mesh->vertex_count);
+    size_t count = 0;
+    if (scratch->failed) {
+        return 0;
+    }
+    (void)pci_vertex_components(mesh, parents);
+    memset(numbers, 0xff, mesh->vertex_count * sizeof(*numbers));
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        uint32_t *number = &numbers[pci_find_root(parents, mesh->triangles[3 * t])];
+        if (*number == PC_INVALID_INDEX) {
+            *number = (uint32_t)count++;
+        }
+        component[t] = *number;
+    }
+    return count;
+}
+
 size_t pci_nonmanifold_vertex_count(pci_scratch *scratch, const pc_mesh *mesh,
                                     const pci_topology *topology) {
     size_t largest = 0, count = 0;

@@ -35,6 +35,10 @@ double pci_mean_edge_length(const pc_mesh *mesh, const pci_topology *topology);
 size_t pci_triangle_components(pci_scratch *scratch, const pc_mesh *mesh,
                                const pci_topology *topology, uint32_t *component);
 
+// The same of a mesh whose parts share no vertex, as manifolds do not: needs no topology, and is
+// quicker. 0: out of memory.
+size_t pci_manifold_components(pci_scratch *scratch, const pc_mesh *mesh, uint32_t *component);
+
 // Joins the vertices of each triangle in `parents` (#V, core/union_find.h). Returns the number of
 // sets; a vertex without triangles is one of its own.
 size_t pci_vertex_components(const pc_mesh *mesh, uint32_t *parents);

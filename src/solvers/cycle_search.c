@@ -318,6 +318,8 @@ static uint32_t step_path(const pci_cycle_search *s, searcher *x, size_t k, floa
     }
     x->nodes[k][v].settled = 1;
     x->visited += s->rows.offsets[v + 1] - s->rows.offsets[v];
+    // No way of this side to the rest of the other one is shorter.
+    const float opposite = x->heaps[1 - k].items[0].distance;
     for (size_t r = s->rows.offsets[v]; r < s->rows.offsets[v + 1]; ++r) {
         const uint32_t e = s->rows.edges[r];
         const float distance = item.distance + s->lengths[e];
@@ -327,12 +329,14 @@ static uint32_t step_path(const pci_cycle_search *s, searcher *x, size_t k, floa
         const uint32_t w = pci_signed_other(&s->program->graph->edges[e], v);
         node *mine = &x->nodes[k][w];
         const node *other = &x->nodes[1 - k][w];
-        if (mine->time == x->time && (mine->settled || mine->distance <= distance)) {
+        const bool joins = other->time == x->time && other->distance + distance < *best;
+        if ((mine->time == x->time && (mine->settled || mine->distance <= distance)) ||
+            (!joins && !(distance + opposite < *best))) {
             continue;
         }
         *mine = (node){.distance = distance, .via = e, .time = x->time};
         heap_push(&x->heaps[k], (heap_item){distance, w});
-        if (other->time == x->time && other->distance + distance < *best) {
+        if (joins) {
             *best = other->distance + distance;
             meeting = w;
         }

@@ -7,7 +7,8 @@
 #include "solvers/signed_search.h"
 
 enum {
-    MAX_WIDTH = 18,
+    NARROW = 12, // widths of eliminations: takes no time; and what is tried last
+    WIDE = 18,
     FEW_STEPS = 1 << 20 // of annealing, when nothing comes after it: a few milliseconds
 };
 #define MIN_SHRINK        0.95 // smaller steps are not worth another round
@@ -109,28 +110,34 @@ static int64_t half_bound(const pci_signed_graph *graph) {
     return graph->constant + wishes / 2 + wishes % 2;
 }
 
+// Solves it if it is no wider than that.
+static pc_status eliminate(solver *s, const pci_signed_graph *graph, uint32_t width,
+                           uint8_t *labels, int64_t *bound, bool *solved) {
+    if (!pci_eliminate(s->context, graph, width, MAX_TABLE_ENTRIES, labels, solved)) {
+        return pci_fail_memory(s->context, s->stage);
+    }
+    *bound = *solved ? pci_signed_graph_cost(graph, labels) : *bound;
+    return PC_OK;
+}
+
 // A connected problem that roof duality cannot reduce.
 static pc_status solve_component(solver *s, const pci_signed_graph *graph, uint8_t *labels,
                                  int64_t *bound) {
+    const bool last = s->budget.left == 0; // nothing comes after the elimination
     bool solved = false;
-    if (!pci_eliminate(s->context, graph, MAX_WIDTH, MAX_TABLE_ENTRIES, labels, &solved)) {
-        return pci_fail_memory(s->context, s->stage);
-    }
-    if (solved) {
-        *bound = pci_signed_graph_cost(graph, labels);
-        return PC_OK;
+    pc_status status = eliminate(s, graph, last ? WIDE : NARROW, labels, bound, &solved);
+    if (solved || status != PC_OK) {
+        return status;
     }
     memset(labels, 1, graph->vertex_count);
-    pc_status status = PC_OK;
     pci_scratch scratch = pci_scratch_begin(s->context);
     pci_cycle_bound cycles = {0};
-    if (!pci_signed_search(s->context, graph, NULL, s->budget.left == 0 ? FEW_STEPS : SIZE_MAX,
-                           labels)) {
+    if (!pci_signed_search(s->context, graph, NULL, last ? FEW_STEPS : SIZE_MAX, labels)) {
         status = pci_fail_memory(s->context, s->stage);
         goto cleanup;
     }
     *bound = half_bound(graph);
-    if (s->budget.left == 0) {
+    if (last) {
         goto cleanup;
     }
     status = pci_find_cycle_bound(&scratch, s->stage, graph, &s->budget, labels, &cycles);
@@ -139,6 +146,9 @@ static pc_status solve_component(solver *s, const pci_signed_graph *graph, uint8
         if (*bound < pci_signed_graph_cost(graph, labels)) {
             status = solve_contracted(s, graph, &cycles, labels, bound);
         }
+    }
+    if (status == PC_OK && *bound < pci_signed_graph_cost(graph, labels)) {
+        status = eliminate(s, graph, WIDE, labels, bound, &solved);
     }
 cleanup:
     pci_scratch_end(&scratch);

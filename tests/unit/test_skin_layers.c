@@ -66,18 +66,86 @@ static double length_at(const pc_mesh *mesh, size_t v) {
     return sum / (double)count;
 }
 
+static double volume(const double *a, const double *b, const double *c, const double *d) {
+    double ab[3], ac[3], ad[3], normal[3];
+    pci_sub(b, a, ab);
+    pci_sub(c, a, ac);
+    pci_sub(d, a, ad);
+    pci_cross(ab, ac, normal);
+    return pci_dot(normal, ad);
+}
+
+// Where an edge passes through a triangle: the shares of the ends and the corners.
+static bool passes_through(const double *from, const double *to, const double *corner[3],
+                           double ends[2], double barycentric[3]) {
+    const double above = volume(corner[0], corner[1], corner[2], from);
+    const double below = volume(corner[0], corner[1], corner[2], to);
+    double sum = 0.0;
+    for (size_t c = 0; c < 3; ++c) {
+        barycentric[c] = volume(from, to, corner[(c + 1) % 3], corner[(c + 2) % 3]);
+        sum += barycentric[c];
+    }
+    bool inside = above * below < 0.0;
+    for (size_t c = 0; c < 3; ++c) {
+        barycentric[c] /= sum;
+        inside = inside && barycentric[c] > 0.0;
+    }
+    ends[0] = below / (below - above);
+    ends[1] = 1.0 - ends[0];
+    return inside;
+}
+
+// The sum over edges of triangles that pass through the other tube: how far apart the points that
+// meet there move, u (#V by `columns`), squared, weighed by the edges' lengths or equally.
+static double change_of_crossings(const pc_mesh *both, const double *u, size_t columns,
+                                  const double *lengths, double typical, size_t *count) {
+    double total = 0.0;
+    *count = 0;
+    for (size_t k = 0; k < 3 * both->triangle_count; ++k) {
+        const size_t i = both->triangles[k];
+        const size_t j = both->triangles[k % 3 == 2 ? k - 2 : k + 1];
+        const double *from = &both->positions[3 * i], *to = &both->positions[3 * j];
+        for (size_t t = 0; t < both->triangle_count; ++t) {
+            const uint32_t *vertices = &both->triangles[3 * t];
+            const double *corner[3];
+            double ends[2], barycentric[3], squared = 0.0;
+            for (size_t c = 0; c < 3; ++c) {
+                corner[c] = &both->positions[3 * (size_t)vertices[c]];
+            }
+            if ((vertices[0] < INNER) == (i < INNER) ||
+                pci_squared_distance(from, corner[0]) > 1.0 ||
+                !passes_through(from, to, corner, ends, barycentric)) {
+                continue;
+            }
+            for (size_t x = 0; x < columns; ++x) {
+                double change = ends[0] * u[i * columns + x] + ends[1] * u[j * columns + x];
+                for (size_t c = 0; c < 3; ++c) {
+                    change -= barycentric[c] * u[vertices[c] * columns + x];
+                }
+                squared += change * change;
+            }
+            const double length = lengths != NULL ? fmin(lengths[i], lengths[j]) : typical;
+            total += squared * fmin(typical, length);
+            ++*count;
+        }
+    }
+    return total;
+}
+
 static pci_place *find_closest(pc_context *context, const pc_mesh *surface, const pc_mesh *proxy) {
     pci_place *closest = calloc(surface->vertex_count, sizeof(*closest));
     assert_ok(context, pci_closest_points(context, "skin", surface, proxy, closest));
     return closest;
 }
 
-// <u, T u> for random u, against the closest points by trying all triangles.
-static void ties_are_those_of_the_closest_points(void **state) {
-    (void)state;
+// <u, T u> for random u, against the closest points and the crossings by trying all triangles.
+static void check_ties(double outer, bool crossing) {
     pc_context *context = test_context(3);
-    pc_mesh both = make_layers(context, 1.0, 1.04);
+    pc_mesh both = make_layers(context, 1.0, outer);
     pc_mesh proxy = make_tube(context, 3, 1, 3.0, tube_length); // all triangles touch
+    for (size_t i = 0; i < 3 * both.vertex_count; ++i) {
+        both.positions[i] += 1e-3 * pci_random(2, 0, i); // no edge meets an edge
+    }
     pci_place *closest = find_closest(context, &both, &proxy);
     pci_scratch scratch = pci_scratch_begin(context);
     pci_skin_layers layers;
@@ -88,8 +156,10 @@ static void ties_are_those_of_the_closest_points(void **state) {
     assert_close(layers.lambda, 2.0, 0.0);
     const size_t nv = both.vertex_count;
     double *u = calloc(nv, sizeof(double)), form = 0.0, direct = 0.0;
+    double *lengths = calloc(nv, sizeof(double));
     for (size_t v = 0; v < nv; ++v) {
         u[v] = pci_random(1, 0, v) - 0.5;
+        lengths[v] = length_at(&both, v);
     }
     for (size_t v = 0; v < nv; ++v) {
         double row = 0.0, barycentric[3] = {0}, change = u[v];
@@ -104,16 +174,30 @@ static void ties_are_those_of_the_closest_points(void **state) {
         for (size_t c = 0; c < 3; ++c) {
             change -= barycentric[c] * u[both.triangles[3 * t + c]];
         }
-        direct += typical * fmin(typical, length_at(&both, v)) /
-                  (squared + 0.01 * typical * typical) * change * change;
+        direct += typical * fmin(typical, lengths[v]) / (squared + 0.01 * typical * typical) *
+                  change * change;
     }
+    size_t count;
+    direct += change_of_crossings(&both, u, 1, lengths, typical, &count) / (0.01 * typical);
+    assert_true(crossing ? count > 100 : count == 0);
     assert_close(form, direct, 1e-9 * direct);
+    free(lengths);
     free(u);
     free(closest);
     pci_scratch_end(&scratch);
     pc_mesh_free(context, &proxy);
     pc_mesh_free(context, &both);
     pc_context_destroy(context);
+}
+
+static void ties_are_those_of_the_closest_points(void **state) {
+    (void)state;
+    check_ties(1.04, false);
+}
+
+static void crossing_parts_are_tied_where_they_cross(void **state) {
+    (void)state;
+    check_ties(0.998, true);
 }
 
 // Parts too far from each other, a single part, and parts over different pieces of the proxy.
@@ -211,6 +295,7 @@ static void tied_parts_have_the_same_bytes_at_any_thread_count(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(ties_are_those_of_the_closest_points),
+        cmocka_unit_test(crossing_parts_are_tied_where_they_cross),
         cmocka_unit_test(other_parts_are_not_tied),
         cmocka_unit_test(tied_parts_keep_their_gap),
         cmocka_unit_test(tied_parts_have_the_same_bytes_at_any_thread_count),

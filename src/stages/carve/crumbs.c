@@ -25,12 +25,11 @@ typedef struct sorting {
 
 static bool find_components(pci_scratch *scratch, const pc_mesh *mesh, uint32_t **component,
                             double **areas, size_t *count) {
-    pci_topology topology;
     *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
-    if (scratch->failed || !pci_topology_build_edges(scratch, mesh, &topology)) {
+    if (scratch->failed) {
         return false;
     }
-    *count = pci_triangle_components(scratch, mesh, &topology, *component);
+    *count = pci_manifold_components(scratch, mesh, *component);
     *areas = PCI_SCRATCH(scratch, double, *count);
     for (size_t t = 0; !scratch->failed && t < mesh->triangle_count; ++t) {
         (*areas)[(*component)[t]] += pci_triangle_area(mesh, t);

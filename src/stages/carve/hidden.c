@@ -41,15 +41,14 @@ static int compare_parts(const void *left, const void *right) {
 
 static bool list_parts(hiding *h) {
     const size_t triangles = h->mesh->triangle_count;
-    pci_topology topology;
     double total = 0.0;
     h->ranks = PCI_SCRATCH(h->scratch, uint32_t, triangles);
     h->order = PCI_SCRATCH(h->scratch, uint32_t, triangles);
     h->near = PCI_SCRATCH(h->scratch, uint32_t, h->mesh->vertex_count);
-    if (h->scratch->failed || !pci_topology_build_edges(h->scratch, h->mesh, &topology)) {
+    if (h->scratch->failed) {
         return false;
     }
-    h->count = pci_triangle_components(h->scratch, h->mesh, &topology, h->ranks);
+    h->count = pci_manifold_components(h->scratch, h->mesh, h->ranks);
     h->parts = PCI_SCRATCH(h->scratch, part, h->count);
     h->offsets = PCI_SCRATCH(h->scratch, size_t, h->count + 2);
     uint32_t *rank_of = PCI_SCRATCH(h->scratch, uint32_t, h->count);

@@ -9,8 +9,10 @@ enum { grain = 256 };
 // The distance where nobody asks: no triangle is refined for it.
 static const double out_of_focus = -1e30;
 
-// The distance that is not measured, since it is within the threshold and there is no need to know.
-static const double unmeasured = 0.0;
+// The distance that is not measured, since it is within the threshold and there is no need to know;
+// and where no triangle is refined for it either, far from the focus: what hides amid corners on
+// the visual mesh is narrower than an edge.
+static const double unmeasured = 0.0, out_of_the_way = -1.0;
 
 // How far the nearest point of the visual mesh lies beside vertex v: the distance without its share
 // along the normal.
@@ -34,7 +36,10 @@ static void find_distance(pci_isoline *line, size_t v, uint32_t *focus) {
         line->distances[v] = out_of_focus;
     } else if (line->coarse &&
                pci_bvh_within_near(line->visual, point, within, &line->nearest[v])) {
-        line->distances[v] = unmeasured;
+        line->distances[v] =
+            line->focus == NULL || pci_knn_within_near(line->focus, point, 0.5 * line->reach, focus)
+                ? unmeasured
+                : out_of_the_way;
     } else {
         measure_distance(line, v);
     }
@@ -139,7 +144,7 @@ static uint32_t edge_to_split(const pci_isoline *line, uint32_t t, double shorte
         nearest = distance < nearest ? distance : nearest;
         farthest = distance > farthest ? distance : farthest;
     }
-    if (!(nearest < threshold && farthest > out_of_focus)) {
+    if (!(nearest < threshold && farthest > out_of_the_way)) {
         return PC_INVALID_INDEX;
     }
     const uint32_t edge = longest_edge(&line->mesh, t);
@@ -259,7 +264,8 @@ static bool measure_crossing(pci_isoline *line) {
     for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
         const uint32_t ends[2] = {pci_origin(mesh, h), pci_target(mesh, h)};
         for (size_t i = 0; i < 2; ++i) {
-            if (line->distances[ends[i]] == unmeasured && !listed[ends[i]] &&
+            const double distance = line->distances[ends[i]];
+            if ((distance == unmeasured || distance == out_of_the_way) && !listed[ends[i]] &&
                 line->distances[ends[1 - i]] > line->threshold) {
                 listed[ends[i]] = 1;
                 vertices[count++] = ends[i];

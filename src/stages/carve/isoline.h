@@ -12,7 +12,8 @@ typedef struct pci_isoline {
     const pci_knn *closer; // edges within `reach` of these become half as long; NULL: none
     double reach;
     // Whether the distances of points within the threshold of the visual mesh do not matter, which
-    // is so while edges are longer than two thresholds: most of them are never measured.
+    // is so while edges are longer than two thresholds: most of them are never measured. The focus
+    // is half as wide for them.
     bool coarse;
     pci_halfedge mesh;
     double *normals; // #V by 3

@@ -11,6 +11,9 @@
 
 enum { grain = 256 };
 
+// One in so many triangles tells whether it is worth while to ask all.
+enum { few = 8 };
+
 // Pieces that are tried one by one where they cannot go together.
 enum { most_pieces = 16 };
 
@@ -29,7 +32,9 @@ typedef struct lining {
     const pc_mesh *mesh;
     pci_topology topology;
     double reach;
+    const uint32_t *seen; // #F by 2, or NULL: then `bvh` tells
     const pci_bvh *bvh;
+    size_t stride; // one in so many triangles is asked for its mates
     size_t component_count;
     uint32_t *component; // #F
     double *normals;     // #F by 3, unit or zero
@@ -38,33 +43,44 @@ typedef struct lining {
 
 static bool is_other(void *user, const pci_hit *hit) { return hit->triangle != *(size_t *)user; }
 
-// The nearest triangle that faces the same side of triangle t with that side.
-static uint32_t find_mate(const lining *l, size_t t, double side) {
-    const double *normal = &l->normals[3 * t];
-    const double direction[3] = {side * normal[0], side * normal[1], side * normal[2]};
-    double middle[3], other[3];
+// The nearest triangle behind triangle t (side 0) or before it (1), if it shows its back or front.
+static uint32_t look(const lining *l, size_t t, size_t side) {
+    if (l->seen != NULL) {
+        return l->seen[2 * t + side];
+    }
+    const double *normal = &l->normals[3 * t], sign = side == 0 ? -1.0 : 1.0;
+    const double direction[3] = {sign * normal[0], sign * normal[1], sign * normal[2]};
+    double middle[3];
     pci_triangle_middle(l->mesh, t, middle);
     const pci_hit hit =
         pci_bvh_cast(l->bvh, middle, direction, 1e-4 * l->reach, l->reach, is_other, &t);
-    if (hit.triangle == PC_INVALID_INDEX || hit.back_face != (side < 0.0) ||
-        l->component[hit.triangle] != l->component[t]) {
+    return hit.back_face == (side == 0) ? hit.triangle : PC_INVALID_INDEX;
+}
+
+// That, if it belongs to the same component and faces the other way.
+static uint32_t find_mate(const lining *l, size_t t, size_t side) {
+    const uint32_t seen = look(l, t, side);
+    if (seen == PC_INVALID_INDEX || l->component[seen] != l->component[t]) {
         return PC_INVALID_INDEX;
     }
-    pci_triangle_vector(l->mesh, hit.triangle, other);
-    return pci_normalize(other) && pci_dot(normal, other) <= most_facing ? hit.triangle
-                                                                         : PC_INVALID_INDEX;
+    double other[3];
+    pci_triangle_vector(l->mesh, seen, other);
+    return pci_normalize(other) && pci_dot(&l->normals[3 * t], other) <= most_facing
+               ? seen
+               : PC_INVALID_INDEX;
 }
 
 static void find_mates(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     lining *l = user;
-    for (size_t t = begin; t < end; ++t) {
+    for (size_t i = begin; i < end; ++i) {
+        const size_t t = l->stride * i;
         double *normal = &l->normals[3 * t];
         l->mates[2 * t] = l->mates[2 * t + 1] = PC_INVALID_INDEX;
         pci_triangle_vector(l->mesh, t, normal);
         if (pci_normalize(normal)) {
-            l->mates[2 * t] = find_mate(l, t, -1.0);
-            l->mates[2 * t + 1] = find_mate(l, t, 1.0);
+            l->mates[2 * t] = find_mate(l, t, 0);
+            l->mates[2 * t + 1] = find_mate(l, t, 1);
         } else {
             memset(normal, 0, 3 * sizeof(*normal));
         }
@@ -342,10 +358,17 @@ static bool cut(const lining *l, uint8_t *keep, pc_mesh *kept) {
     return !some || take(l, tried, &wanted, kept);
 }
 
-// The share of the area that has a ply behind or before it.
+// Asks one in `stride` triangles. False: out of memory, or cancelled.
+static bool find_all_mates(lining *l, size_t stride) {
+    l->stride = stride;
+    return pci_parallel_while_wanted(
+        l->scratch->context, (l->mesh->triangle_count + stride - 1) / stride, grain, find_mates, l);
+}
+
+// The share of the area that has a ply behind or before it, of the triangles that were asked.
 static double doubled_share(const lining *l) {
     double total = 0.0, doubled = 0.0;
-    for (size_t t = 0; t < l->mesh->triangle_count; ++t) {
+    for (size_t t = 0; t < l->mesh->triangle_count; t += l->stride) {
         const double area = pci_triangle_area(l->mesh, t);
         const bool alone =
             l->mates[2 * t] == PC_INVALID_INDEX && l->mates[2 * t + 1] == PC_INVALID_INDEX;
@@ -376,11 +399,11 @@ static pc_status peel(lining *l, const char *stage, pc_mesh *kept) {
                                                                 : pci_fail_memory(context, stage);
 }
 
-pc_status pci_peel_linings(pci_scratch *scratch, const char *stage, const pci_bvh *bvh,
+pc_status pci_peel_linings(pci_scratch *scratch, const char *stage, const uint32_t *seen,
                            double reach, double least_share, pc_mesh *mesh, bool *peeled) {
     pc_context *context = scratch->context;
-    lining l = {.scratch = scratch, .mesh = mesh, .reach = reach};
-    pci_bvh *own = NULL;
+    lining l = {.scratch = scratch, .mesh = mesh, .seen = seen, .reach = reach};
+    pci_bvh *bvh = NULL;
     pc_mesh kept = {0};
     pc_status status = PC_OK;
     *peeled = false;
@@ -391,21 +414,26 @@ pc_status pci_peel_linings(pci_scratch *scratch, const char *stage, const pci_bv
         return pci_fail_memory(context, stage);
     }
     l.component_count = pci_triangle_components(scratch, mesh, &l.topology, l.component);
-    if (bvh == NULL) {
-        status = pci_bvh_create(context, stage, mesh, &own);
+    if (seen == NULL) {
+        status = pci_bvh_create(context, stage, mesh, &bvh);
     }
     if (status != PC_OK) {
         return status;
     }
-    l.bvh = bvh != NULL ? bvh : own;
-    const bool done =
-        pci_parallel_while_wanted(context, mesh->triangle_count, grain, find_mates, &l);
-    pci_bvh_destroy(context, own);
-    if (!done) {
-        return pci_fail_memory(context, stage);
+    l.bvh = bvh;
+    bool done = true, doubled = true;
+    if (least_share > 0.0 &&
+        mesh->triangle_count >= few * grain) { // of small ones chance would tell
+        done = find_all_mates(&l, few);
+        doubled = done && doubled_share(&l) >= 0.5 * least_share;
     }
-    if (doubled_share(&l) < least_share) {
-        return PC_OK;
+    if (doubled) {
+        done = find_all_mates(&l, 1);
+        doubled = done && doubled_share(&l) >= least_share;
+    }
+    pci_bvh_destroy(context, bvh);
+    if (!done || !doubled) {
+        return done ? PC_OK : pci_fail_memory(context, stage);
     }
     status = peel(&l, stage, &kept);
     *peeled = status == PC_OK && kept.triangle_count > 0;

@@ -116,36 +116,9 @@ static bool is_backed(const pci_isoline *o, const double *const corners[3], cons
                PC_INVALID_INDEX;
 }
 
-typedef struct backing {
-    const pci_isoline *outline;
-    const uint32_t *regions; // #F
-    double depth;
-    uint8_t *backed; // #F
-} backing;
-
-static void find_backed(void *user, size_t begin, size_t end, uint32_t worker) {
-    (void)worker;
-    const backing *b = user;
-    const pci_halfedge *mesh = &b->outline->mesh;
-    for (size_t t = begin; t < end; ++t) {
-        if (b->regions[t] != PC_INVALID_INDEX) {
-            const double *corners[3];
-            double normal[3];
-            area_vector(mesh, t, corners, normal);
-            b->backed[t] = is_backed(b->outline, corners, normal, b->depth);
-        }
-    }
-}
-
-// False: out of memory, or cancelled.
-static bool measure_extent(const pci_isoline *o, const uint32_t *of, double depth, region *regions,
+static void measure_extent(const pci_isoline *o, const uint32_t *of, region *regions,
                            size_t region_count) {
     const pci_halfedge *mesh = &o->mesh;
-    backing b = {o, of, depth, PCI_SCRATCH(mesh->scratch, uint8_t, mesh->triangle_count)};
-    if (b.backed == NULL || !pci_parallel_while_wanted(mesh->scratch->context, mesh->triangle_count,
-                                                       grain, find_backed, &b)) {
-        return false;
-    }
     for (size_t t = 0; t < mesh->triangle_count; ++t) {
         if (of[t] == PC_INVALID_INDEX) {
             continue;
@@ -156,7 +129,6 @@ static bool measure_extent(const pci_isoline *o, const uint32_t *of, double dept
         area_vector(mesh, t, corners, normal);
         const double area = 0.5 * pci_norm(normal);
         r->area += area;
-        r->backed += b.backed[t] ? area : 0.0;
         for (size_t k = 0; k < 3; ++k) {
             r->reach = fmax(r->reach, o->distances[mesh->corners[3 * t + k]]);
             r->centre[k] += area * (corners[0][k] + corners[1][k] + corners[2][k]) / 3.0;
@@ -168,7 +140,6 @@ static bool measure_extent(const pci_isoline *o, const uint32_t *of, double dept
             regions[i].centre[k] /= regions[i].area;
         }
     }
-    return true;
 }
 
 // Marks the sector of the region's plane in which a point lies.
@@ -221,15 +192,17 @@ static void look_around(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const framing *f = user;
     const pci_isoline *o = f->outline;
+    uint32_t border = PC_INVALID_INDEX;
     for (size_t i = begin; i < end; ++i) {
         frame_point *p = &f->points[i];
         const uint32_t v = pci_origin(&o->mesh, p->halfedge);
         const double *point = &o->mesh.positions[3 * (size_t)v];
-        const double reach =
-            pci_bvh_closest_near(o->visual, point, o->nearest[v]).distance + f->slack;
-        p->fringe = pci_knn_within(f->border, point, f->slack, NULL);
+        p->fringe = pci_knn_within_near(f->border, point, f->slack, &border);
         p->rim = PC_INVALID_INDEX;
-        (void)pci_knn_within(f->rims, point, reach, &p->rim);
+        if (!pci_knn_within(f->rims, point, f->slack, &p->rim)) { // else nobody needs to know more
+            const double distance = pci_bvh_closest_near(o->visual, point, o->nearest[v]).distance;
+            (void)pci_knn_within(f->rims, point, distance + f->slack, &p->rim);
+        }
     }
 }
 
@@ -272,16 +245,57 @@ static bool measure_frame(const pci_isoline *o, const pci_knn *rims, double slac
     return true;
 }
 
-static bool removes(const region *r, pci_outline_mode mode, double threshold,
-                    const demands *least) {
+typedef struct backing {
+    const pci_isoline *outline;
+    const uint32_t *regions; // #F
+    const uint8_t *asked;    // #regions
+    double depth;
+    uint8_t *backed; // #F
+} backing;
+
+static void find_backed(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const backing *b = user;
+    const pci_halfedge *mesh = &b->outline->mesh;
+    for (size_t t = begin; t < end; ++t) {
+        if (b->regions[t] != PC_INVALID_INDEX && b->asked[b->regions[t]]) {
+            const double *corners[3];
+            double normal[3];
+            area_vector(mesh, t, corners, normal);
+            b->backed[t] = is_backed(b->outline, corners, normal, b->depth);
+        }
+    }
+}
+
+// Measures how much of the regions that are asked for has cloth behind it. False: out of memory, or
+// cancelled.
+static bool measure_backing(const pci_isoline *o, const uint32_t *of, const uint8_t *asked,
+                            double depth, region *regions) {
+    const pci_halfedge *mesh = &o->mesh;
+    backing b = {o, of, asked, depth, PCI_SCRATCH(mesh->scratch, uint8_t, mesh->triangle_count)};
+    if (b.backed == NULL || !pci_parallel_while_wanted(mesh->scratch->context, mesh->triangle_count,
+                                                       grain, find_backed, &b)) {
+        return false;
+    }
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        if (b.backed[t]) {
+            const double *corners[3];
+            double normal[3];
+            area_vector(mesh, t, corners, normal);
+            regions[of[t]].backed += 0.5 * pci_norm(normal);
+        }
+    }
+    return true;
+}
+
+// Whether a region reaches far enough and is framed as a membrane is.
+static bool may_go(const region *r, pci_outline_mode mode, double threshold, const demands *least) {
     uint32_t framed = 0;
     for (uint32_t i = 0; i < sectors; ++i) {
         framed += r->sectors >> i & 1;
     }
     return r->reach > least->reach * threshold &&
-           (mode == PCI_OUTLINE_ALL ||
-            (framed >= least->framed && r->backed < least->backed * r->area &&
-             (r->bordering || !r->fringe)));
+           (mode == PCI_OUTLINE_ALL || (framed >= least->framed && (r->bordering || !r->fringe)));
 }
 
 // The kept triangles by patch: a membrane, or a connected part of the rest. Few of them touch.
@@ -412,7 +426,15 @@ static bool choose_triangles(const pci_isoline *o, const uint32_t *of, cutting *
         return false;
     }
     for (size_t i = 0; i < c->region_count; ++i) {
-        removed[i] = removes(&c->regions[i], c->mode, c->threshold, c->least);
+        removed[i] = may_go(&c->regions[i], c->mode, c->threshold, c->least);
+    }
+    if (c->mode == PCI_OUTLINE_MEMBRANES) {
+        if (!measure_backing(o, of, removed, behind * c->cell_size, c->regions)) {
+            return false;
+        }
+        for (size_t i = 0; i < c->region_count; ++i) {
+            removed[i] = removed[i] && c->regions[i].backed < c->least->backed * c->regions[i].area;
+        }
     }
     memset(c->keep, 1, triangles);
     if (c->mode == PCI_OUTLINE_MEMBRANES && c->least == &of_membranes &&
@@ -441,9 +463,12 @@ static bool find_regions(cutting *c, const pci_knn *focus, const pci_knn *closer
         return false;
     }
     uint32_t *of = c->of = PCI_SCRATCH(scratch, uint32_t, o->mesh.triangle_count);
-    return of != NULL && join_regions(o, c->threshold, of, &c->regions, &c->region_count) &&
-           measure_extent(o, of, behind * c->cell_size, c->regions, c->region_count) &&
-           measure_frame(o, c->rims, sag * c->cell_size, of, c->regions) &&
+    if (of == NULL || !join_regions(o, c->threshold, of, &c->regions, &c->region_count)) {
+        return false;
+    }
+    measure_extent(o, of, c->regions, c->region_count);
+    return (c->mode == PCI_OUTLINE_ALL ||
+            measure_frame(o, c->rims, sag * c->cell_size, of, c->regions)) &&
            choose_triangles(o, of, c);
 }
 

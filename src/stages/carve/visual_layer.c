@@ -39,15 +39,16 @@ typedef struct probe {
     const uint32_t *component; // #F
     size_t component_count;
     double reach, touch_reach;
-    uint8_t *sees;       // #F, bit 0: a back close behind it, bit 1: a front close before it
+    uint32_t *seen;      // #F by 2: what shows its back close behind it, its front close before it
     atomic_bool touches; // two components are within touch_reach: nothing else matters
 } probe;
 
-static bool sees(const probe *p, const double point[3], const double normal[3], double side) {
+// The nearest triangle, if it shows the side that a ply would. PC_INVALID_INDEX: none.
+static uint32_t look(const probe *p, const double point[3], const double normal[3], double side) {
     const double direction[3] = {side * normal[0], side * normal[1], side * normal[2]};
     const pci_hit hit =
         pci_bvh_cast(p->bvh, point, direction, 1e-4 * p->reach, p->reach, NULL, NULL);
-    return hit.triangle != PC_INVALID_INDEX && hit.back_face == (side < 0.0);
+    return hit.back_face == (side < 0.0) ? hit.triangle : PC_INVALID_INDEX;
 }
 
 static void look_around(void *user, size_t begin, size_t end, uint32_t worker) {
@@ -66,10 +67,9 @@ static void look_around(void *user, size_t begin, size_t end, uint32_t worker) {
                 atomic_store(&p->touches, true);
             }
         }
-        if (pci_normalize(normal)) {
-            p->sees[t] =
-                (uint8_t)(sees(p, middle, normal, -1.0) | sees(p, middle, normal, 1.0) << 1);
-        }
+        const bool proper = pci_normalize(normal);
+        p->seen[2 * t] = proper ? look(p, middle, normal, -1.0) : PC_INVALID_INDEX;
+        p->seen[2 * t + 1] = proper ? look(p, middle, normal, 1.0) : PC_INVALID_INDEX;
     }
 }
 
@@ -115,8 +115,8 @@ static pci_layering classify(probe *p) {
     for (size_t t = 0; t < p->mesh->triangle_count; ++t) {
         const double a = pci_triangle_area(p->mesh, t);
         area += a;
-        back += p->sees[t] & 1 ? a : 0.0;
-        front += p->sees[t] & 2 ? a : 0.0;
+        back += p->seen[2 * t] != PC_INVALID_INDEX ? a : 0.0;
+        front += p->seen[2 * t + 1] != PC_INVALID_INDEX ? a : 0.0;
     }
     if (atomic_load(&p->touches)) {
         return PCI_LAYERED;
@@ -130,16 +130,17 @@ static pci_layering classify(probe *p) {
 }
 
 // @param reach  at least this `share` of the vertices of `surface` must be so near to the layer
-// @param tree   receives the layer's, or stays NULL; NULL: not wanted
+// @param seen   receives what each triangle sees behind and before it within a voxel (#F by 2), or
+//               stays NULL; NULL: not wanted
 static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
                          const pc_mesh *layer, double thickness, double cell_size, double reach,
-                         double share, pci_layering *layering, pci_bvh **tree) {
+                         double share, pci_layering *layering, uint32_t **seen) {
     pc_context *context = scratch->context;
     pci_topology topology;
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
     probe p = {.mesh = layer, .component = component, .reach = cell_size};
     p.touch_reach = cell_size + thickness;
-    p.sees = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
+    p.seen = PCI_SCRATCH(scratch, uint32_t, 2 * layer->triangle_count);
     uint8_t *missed = PCI_SCRATCH(scratch, uint8_t, surface->vertex_count);
     if (scratch->failed || !pci_topology_build_edges(scratch, layer, &topology)) {
         return pci_fail_memory(context, stage);
@@ -158,13 +159,12 @@ static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh 
     const bool done =
         pci_parallel_while_wanted(context, layer->triangle_count, grain, look_around, &p) &&
         pci_parallel_while_wanted(context, surface->vertex_count, grain, find_missed, &cover);
-    if (tree != NULL) {
-        *tree = bvh;
-    } else {
-        pci_bvh_destroy(context, bvh);
-    }
+    pci_bvh_destroy(context, bvh);
     if (!done) {
         return pci_fail_memory(context, stage);
+    }
+    if (seen != NULL && !atomic_load(&p.touches)) {
+        *seen = p.seen;
     }
     size_t missed_count = 0;
     for (size_t v = 0; v < surface->vertex_count; ++v) {
@@ -214,15 +214,15 @@ pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mes
 }
 
 // Hems and collars that are turned over make a second ply: without them the layer may be plain.
-// `tree`: of the layer, or NULL.
+// `seen`: by the layer's triangles, or NULL.
 static pc_status try_peeling(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
-                             const pci_bvh *tree, double thickness, double cell_size, double reach,
+                             const uint32_t *seen, double thickness, double cell_size, double reach,
                              pc_mesh *layer, pci_layering *layering) {
     bool peeled = false;
     pc_mesh rest = {0};
     pci_layering without = PCI_LAYERED;
     pc_status status = pci_mesh_compact(scratch, layer, NULL, &rest, NULL)
-                           ? pci_peel_linings(scratch, stage, tree, cell_size, 0.0, &rest, &peeled)
+                           ? pci_peel_linings(scratch, stage, seen, cell_size, 0.0, &rest, &peeled)
                            : pci_fail_memory(scratch->context, stage);
     if (status == PC_OK && peeled) {
         status = measure(scratch, stage, surface, &rest, thickness, cell_size, reach, least_covered,
@@ -243,7 +243,7 @@ pc_status pci_tailored_layer(pci_scratch *scratch, const char *stage, const pc_m
                              double cell_size, pc_mesh *layer, uint64_t *filled_loops) {
     pci_layering layering = PCI_LAYERED;
     bool sewn = false;
-    pci_bvh *tree = NULL;
+    uint32_t *seen = NULL;
     pc_status status = begin_layer(scratch, stage, cloth, cell_size, layer, filled_loops);
     if (status == PC_OK && layer->triangle_count > 0) {
         status = pci_face_like(scratch, stage, side, layer);
@@ -254,13 +254,12 @@ pc_status pci_tailored_layer(pci_scratch *scratch, const char *stage, const pc_m
     const double reach = (sewn ? sewing_voxels : lining_voxels) * cell_size;
     if (status == PC_OK && layer->triangle_count > 0) {
         status = measure(scratch, stage, surface, layer, thickness, cell_size, reach, least_covered,
-                         &layering, &tree);
+                         &layering, &seen);
     }
     if (status == PC_OK && layering != PCI_PLAIN && layer->triangle_count > 0) {
-        status = try_peeling(scratch, stage, surface, tree, thickness, cell_size, reach, layer,
+        status = try_peeling(scratch, stage, surface, seen, thickness, cell_size, reach, layer,
                              &layering);
     }
-    pci_bvh_destroy(scratch->context, tree);
     if (status != PC_OK || !(layering == PCI_PLAIN || (layering == PCI_FOLDED && sewn))) {
         pc_mesh_free(scratch->context, layer);
     }
@@ -292,15 +291,14 @@ static void compare_facing(void *user, size_t begin, size_t end, uint32_t worker
 
 pc_status pci_face_like(pci_scratch *scratch, const char *stage, const pc_mesh *reference,
                         pc_mesh *layer) {
-    pci_topology topology;
     pci_bvh *bvh = NULL;
     double *votes = PCI_SCRATCH(scratch, double, layer->triangle_count);
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
     uint32_t *asked = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
-    if (scratch->failed || !pci_topology_build_edges(scratch, layer, &topology)) {
+    if (scratch->failed) {
         return pci_fail_memory(scratch->context, stage);
     }
-    const size_t count = pci_triangle_components(scratch, layer, &topology, component);
+    const size_t count = pci_manifold_components(scratch, layer, component);
     double *sums = PCI_SCRATCH(scratch, double, count);
     size_t *met = PCI_SCRATCH(scratch, size_t, count), asked_count = 0;
     if (scratch->failed) {

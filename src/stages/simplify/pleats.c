@@ -3,7 +3,7 @@
 #include "geometry/topology.h"
 #include "solvers/conjugate_gradients.h"
 
-enum { most_iterations = 1000 };
+enum { most_iterations = 1000, grain = 512 };
 static const double rough = 1e-2, fine = 1e-4; // tolerances
 // Mean cosine between normals and what is their mean around them. A surface of more stands in no
 // pleats worth a change of shape; parts of it between the other two are flattened less.
@@ -14,75 +14,103 @@ static const double sleeve_length = 0.2, wide_length = 0.25;
 // Waves shorter than about four times this many edges go.
 static const double width_share = 0.5;
 
-// One coordinate at a time. K is the graph Laplacian over 1.5 e^2, which is the negative Laplacian
-// on an even mesh of edge length e.
+// K is the graph Laplacian over 1.5 e^2, which is the negative Laplacian on an even mesh of edge
+// length e.
 typedef struct smoothing {
+    pc_context *context;
     const pci_topology *topology;
-    size_t count;
+    size_t count, columns;   // vertices; numbers of each
     double scale;            // 1 / (1.5 e^2)
     double square;           // of the length over which normals are averaged
     const double *strengths; // #V, fourth powers of the widths
-    double *once;            // W^4 K x
+    const double *x;         // #V by #columns, what is mapped
+    double *once, *out;      // W^4 K x, and the result
 } smoothing;
 
-static void apply_laplacian(const smoothing *s, const double *x, double *out) {
-    for (size_t v = 0; v < s->count; ++v) {
-        double sum = 0.0;
-        for (size_t i = s->topology->ring_offsets[v]; i < s->topology->ring_offsets[v + 1]; ++i) {
-            sum += x[v] - x[s->topology->ring[i]];
+// K x at vertex v
+static inline void laplacian(const smoothing *s, size_t columns, const double *x, size_t v,
+                             double *out) {
+    double sum[3] = {0.0};
+    for (size_t i = s->topology->ring_offsets[v]; i < s->topology->ring_offsets[v + 1]; ++i) {
+        for (size_t c = 0; c < columns; ++c) {
+            sum[c] += x[columns * v + c] - x[columns * s->topology->ring[i] + c];
         }
-        out[v] = s->scale * sum;
+    }
+    for (size_t c = 0; c < columns; ++c) {
+        out[c] = s->scale * sum[c];
+    }
+}
+
+static inline void average_pieces(const smoothing *s, size_t columns, size_t begin, size_t end) {
+    for (size_t v = begin; v < end; ++v) {
+        double *out = &s->out[columns * v];
+        laplacian(s, columns, s->x, v, out);
+        for (size_t c = 0; c < columns; ++c) {
+            out[c] = s->x[columns * v + c] + s->square * out[c];
+        }
+    }
+}
+
+static void average_piece(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const smoothing *s = user;
+    if (s->columns == 1) {
+        average_pieces(s, 1, begin, end);
+    } else {
+        average_pieces(s, 3, begin, end);
     }
 }
 
 // I + square K
 static void average(void *user, const double *x, double *out) {
+    smoothing *s = user;
+    s->x = x, s->out = out;
+    pci_parallel_for(s->context, s->count, grain, average_piece, s);
+}
+
+static void bend_piece(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
     const smoothing *s = user;
-    apply_laplacian(s, x, out);
-    for (size_t v = 0; v < s->count; ++v) {
-        out[v] = x[v] + s->square * out[v];
+    for (size_t v = begin; v < end; ++v) {
+        laplacian(s, 3, s->x, v, &s->once[3 * v]);
+        for (size_t c = 0; c < 3; ++c) {
+            s->once[3 * v + c] *= s->strengths[v];
+        }
     }
 }
 
-// I + K W^4 K
+static void flatten_piece(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const smoothing *s = user;
+    for (size_t v = begin; v < end; ++v) {
+        laplacian(s, 3, s->once, v, &s->out[3 * v]);
+        for (size_t c = 0; c < 3; ++c) {
+            s->out[3 * v + c] += s->x[3 * v + c];
+        }
+    }
+}
+
+// I + K W^4 K, of three columns
 static void flatten(void *user, const double *x, double *out) {
-    const smoothing *s = user;
-    apply_laplacian(s, x, s->once);
-    for (size_t v = 0; v < s->count; ++v) {
-        s->once[v] *= s->strengths[v];
-    }
-    apply_laplacian(s, s->once, out);
-    for (size_t v = 0; v < s->count; ++v) {
-        out[v] += x[v];
-    }
+    smoothing *s = user;
+    s->x = x, s->out = out;
+    pci_parallel_for(s->context, s->count, grain, bend_piece, s);
+    pci_parallel_for(s->context, s->count, grain, flatten_piece, s);
 }
 
-// Solves A y = x for every `stride`-th number from x on; `work` is #V by 4. False: cancelled.
-static bool solve(pc_context *context, smoothing *s, pci_linear_map map, double tolerance,
-                  double *x, size_t stride, double *work) {
-    const pci_conjugate_gradients system = {s->count, map, s, tolerance, most_iterations};
-    double *y = work, *residual = work + s->count;
-    for (size_t v = 0; v < s->count; ++v) {
-        y[v] = x[stride * v];
+// Solves A y = x for every column; `work` is three times as large as x, which becomes y. False:
+// cancelled.
+static bool solve(smoothing *s, size_t columns, pci_linear_map map, double tolerance, double *x,
+                  double *work) {
+    const size_t size = columns * s->count;
+    const pci_conjugate_gradients system = {s->count, columns, map, s, tolerance, most_iterations};
+    double *residual = work;
+    s->columns = columns;
+    map(s, x, residual);
+    for (size_t i = 0; i < size; ++i) {
+        residual[i] = x[i] - residual[i];
     }
-    map(s, y, residual);
-    for (size_t v = 0; v < s->count; ++v) {
-        residual[v] = y[v] - residual[v];
-    }
-    if (!pci_conjugate_gradients_run(context, &system, residual, work + 2 * s->count, y)) {
-        return false;
-    }
-    for (size_t v = 0; v < s->count; ++v) {
-        x[stride * v] = y[v];
-    }
-    return true;
-}
-
-static bool solve_vectors(pc_context *context, smoothing *s, pci_linear_map map, double tolerance,
-                          double *x, double *work) {
-    return solve(context, s, map, tolerance, &x[0], 3, work) &&
-           solve(context, s, map, tolerance, &x[1], 3, work) &&
-           solve(context, s, map, tolerance, &x[2], 3, work);
+    return pci_conjugate_gradients_run(s->context, &system, residual, work + size, x);
 }
 
 static double mean_squared_length(const pc_mesh *mesh, const pci_topology *topology) {
@@ -103,14 +131,14 @@ static bool find_cosines(pci_scratch *scratch, smoothing *s, const double *norma
         return false;
     }
     memcpy(means, normals, 3 * s->count * sizeof(*means));
-    if (!solve_vectors(scratch->context, s, average, rough, means, work)) {
+    if (!solve(s, 3, average, rough, means, work)) {
         return false;
     }
     for (size_t v = 0; v < s->count; ++v) {
         lengths[v] = pci_norm(&means[3 * v]);
         cosines[v] = pci_normalize(&means[3 * v]) ? pci_dot(&means[3 * v], &normals[3 * v]) : 1.0;
     }
-    return solve(scratch->context, s, average, rough, cosines, 1, work);
+    return solve(s, 1, average, rough, cosines, work);
 }
 
 // 0 up to `none`, 1 from `all` on.
@@ -121,10 +149,14 @@ static double ramp(double x, double none, double all) {
 static bool run(pci_scratch *scratch, double spacing, pc_mesh *mesh, double *normals) {
     pci_topology topology;
     const size_t n = mesh->vertex_count;
-    double *work = PCI_SCRATCH(scratch, double, 4 * n),
-           *strengths = PCI_SCRATCH(scratch, double, n), *lengths = PCI_SCRATCH(scratch, double, n);
-    smoothing s = {.topology = &topology, .count = n, .square = spacing * spacing};
-    s.once = PCI_SCRATCH(scratch, double, n);
+    double *work = PCI_SCRATCH(scratch, double, 9 * n);
+    double *strengths = PCI_SCRATCH(scratch, double, n);
+    double *lengths = PCI_SCRATCH(scratch, double, n);
+    smoothing s = {.context = scratch->context,
+                   .topology = &topology,
+                   .count = n,
+                   .square = spacing * spacing};
+    s.once = PCI_SCRATCH(scratch, double, 3 * n);
     if (scratch->failed || !pci_topology_build(scratch, mesh, &topology)) {
         return false;
     }
@@ -147,7 +179,7 @@ static bool run(pci_scratch *scratch, double spacing, pc_mesh *mesh, double *nor
     if (sum > pleated_cosine * (double)n) {
         return true;
     }
-    if (!solve_vectors(scratch->context, &s, flatten, fine, mesh->positions, work)) {
+    if (!solve(&s, 3, flatten, fine, mesh->positions, work)) {
         return false;
     }
     pci_vertex_normals(mesh, normals);

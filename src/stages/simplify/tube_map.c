@@ -78,8 +78,14 @@ static bool make_harmonic(pci_scratch *scratch, pci_tube *t, const link *links, 
     static const double tolerance = 1e-9;
     const size_t size = t->member_count;
     laplacian l = {links, count, size, fixed};
-    const pci_conjugate_gradients system = {size, apply_laplacian, &l, tolerance,
-                                            PCI_EFFORT(2000, 20)};
+    const pci_conjugate_gradients system = {
+        .size = size,
+        .columns = 1,
+        .map = apply_laplacian,
+        .user = &l,
+        .tolerance = tolerance,
+        .most_steps = PCI_EFFORT(2000, 20),
+    };
     double *residual = PCI_SCRATCH(scratch, double, size);
     double *work = PCI_SCRATCH(scratch, double, 2 * size);
     if (scratch->failed) {

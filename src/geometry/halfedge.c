@@ -92,6 +92,32 @@ bool pci_halfedge_build(pci_scratch *scratch, const pc_mesh *mesh, pci_halfedge 
     return true;
 }
 
+bool pci_fans_build(pci_scratch *scratch, const pci_halfedge *mesh, pci_fans *fans) {
+    // Each triangle adds one end to the fan of each corner, an open fan has one more.
+    const size_t room = 3 * mesh->triangle_count + mesh->vertex_count;
+    size_t count = 0;
+    fans->offsets = PCI_SCRATCH(scratch, size_t, mesh->vertex_count + 1);
+    fans->ends = PCI_SCRATCH(scratch, uint32_t, room);
+    fans->lengths = PCI_SCRATCH(scratch, double, room);
+    if (scratch->failed) {
+        return false;
+    }
+    for (uint32_t v = 0; v < mesh->vertex_count; ++v) {
+        PCI_FOR_OUTGOING(mesh, v, h) {
+            fans->ends[count++] = pci_target(mesh, h);
+            if (mesh->twins[pci_previous(h)] == PC_INVALID_INDEX) {
+                fans->ends[count++] = mesh->corners[pci_previous(h)];
+            }
+        }
+        fans->offsets[v + 1] = count;
+        for (size_t k = fans->offsets[v]; k < count; ++k) {
+            fans->lengths[k] = sqrt(pci_squared_distance(
+                &mesh->positions[3 * (size_t)v], &mesh->positions[3 * (size_t)fans->ends[k]]));
+        }
+    }
+    return true;
+}
+
 bool pci_halfedge_copy(pci_scratch *scratch, const pci_halfedge *from, pci_halfedge *result) {
     memset(result, 0, sizeof(*result));
     result->scratch = scratch;

@@ -48,6 +48,17 @@ static inline uint32_t pci_turn(const pci_halfedge *mesh, uint32_t h) {
 }
 #define PCI_FOR_OUTGOING(mesh, v, h)                                                               \
     for (uint32_t h = (mesh)->outgoing[v]; h != PC_INVALID_INDEX; h = pci_turn((mesh), h))
+
+// The neighbours of all vertices, each in the order of its fan: on the border the first and the
+// last one are those along it.
+typedef struct pci_fans {
+    size_t *offsets; // #V + 1
+    uint32_t *ends;
+    double *lengths; // of the edges to the ends
+} pci_fans;
+// False: out of memory.
+bool pci_fans_build(pci_scratch *scratch, const pci_halfedge *mesh, pci_fans *fans);
+
 // The half-edge that enters v along the border; v must be a border vertex.
 uint32_t pci_border_incoming(const pci_halfedge *mesh, uint32_t v);
 // Whether each undirected edge is represented by h (the border one or the smaller of two).

@@ -458,7 +458,7 @@ static bool find_regions(cutting *c, const pci_knn *focus, const pci_knn *closer
                        .focus = focus,
                        .closer = closer,
                        .reach = reach,
-                       .coarse = shortest >= 2.0 * c->threshold};
+                       .coarse = c->least == &of_candidates};
     if (!pci_isoline_refine(scratch, layer, c->threshold, shortest, o)) {
         return false;
     }

@@ -26,8 +26,8 @@ static const double most_folded_share = 0.15;
 static const double sewing_voxels = 4.0, least_covered = 0.99;
 // Linings hang lower than the cloth here and there, in voxels.
 static const double lining_voxels = 2.0;
-// One in so many triangles of a part, the first among them, tells which way it faces.
-enum { facing_stride = 8 };
+// The first triangles of a part and one in so many of the others tell which way it faces.
+enum { facing_first = 64, facing_stride = 8 };
 // Holes of a shorter way around are no openings, in voxels.
 static const double smallest_opening = 3.0;
 // Thicker shells are solids, in voxels.
@@ -309,7 +309,8 @@ pc_status pci_face_like(pci_scratch *scratch, const char *stage, const pc_mesh *
         return status;
     }
     for (uint32_t t = 0; t < layer->triangle_count; ++t) {
-        if (met[component[t]]++ % facing_stride == 0) {
+        const size_t rank = met[component[t]]++;
+        if (rank < facing_first || rank % facing_stride == 0) {
             asked[asked_count++] = t;
         }
     }

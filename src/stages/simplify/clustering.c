@@ -5,6 +5,7 @@
 typedef struct clustering {
     pci_scratch *scratch;
     const pci_halfedge *mesh;
+    const pci_fans *fans;
     const double *weights, *scales;
     size_t count; // clusters that are sought; those from here on are given
     size_t all;   // clusters
@@ -37,7 +38,7 @@ static bool is_given(const clustering *c, size_t v) { return c->cluster[v] >= c-
 // ones.
 static bool plant(seeding *s, uint32_t vertex) {
     clustering *c = s->clusters;
-    const pci_halfedge *mesh = c->mesh;
+    const pci_fans *fans = c->fans;
     const uint32_t seed = (uint32_t)s->count++;
     s->distances[vertex] = 0.0;
     c->cluster[vertex] = seed;
@@ -51,22 +52,15 @@ static bool plant(seeding *s, uint32_t vertex) {
         if (entry.key > s->distances[v]) {
             continue;
         }
-        PCI_FOR_OUTGOING(mesh, v, h) {
-            // Targets of the outgoing half-edges, and the last neighbour of an open fan.
-            const uint32_t ends[2] = {pci_target(mesh, h), mesh->corners[pci_previous(h)]};
-            const size_t end_count = mesh->twins[pci_previous(h)] == PC_INVALID_INDEX ? 2 : 1;
-            for (size_t i = 0; i < end_count; ++i) {
-                const double distance =
-                    entry.key +
-                    0.5 * (c->scales[v] + c->scales[ends[i]]) *
-                        sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)v],
-                                                  &mesh->positions[3 * (size_t)ends[i]]));
-                if (distance < s->distances[ends[i]] && distance < s->reach) {
-                    s->distances[ends[i]] = distance;
-                    c->cluster[ends[i]] = seed;
-                    if (!pci_heap_push(c->scratch, &s->front, distance, ends[i])) {
-                        return false;
-                    }
+        for (size_t k = fans->offsets[v]; k < fans->offsets[v + 1]; ++k) {
+            const uint32_t end = fans->ends[k];
+            const double distance =
+                entry.key + 0.5 * (c->scales[v] + c->scales[end]) * fans->lengths[k];
+            if (distance < s->distances[end] && distance < s->reach) {
+                s->distances[end] = distance;
+                c->cluster[end] = seed;
+                if (!pci_heap_push(c->scratch, &s->front, distance, end)) {
+                    return false;
                 }
             }
         }
@@ -212,8 +206,8 @@ static size_t sweep(clustering *c, uint32_t pass) {
 // Keeps the heaviest piece of every cluster; the other pieces go to neighbours, ring by ring.
 // Returns the number of vertices that moved.
 static size_t attach_orphans(clustering *c) {
-    const pci_halfedge *mesh = c->mesh;
-    const size_t nv = mesh->vertex_count;
+    const pci_fans *fans = c->fans;
+    const size_t nv = c->mesh->vertex_count;
     uint32_t *piece = c->pieces, *queue = c->queue, *heaviest = c->heaviest;
     double *piece_masses = c->piece_masses;
     memset(piece, 0xff, nv * sizeof(*piece));
@@ -231,13 +225,11 @@ static size_t attach_orphans(clustering *c) {
         for (size_t next = 0; next < count; ++next) {
             const uint32_t v = queue[next];
             piece_masses[pieces] += c->weights[v];
-            PCI_FOR_OUTGOING(mesh, v, h) {
-                const uint32_t ends[2] = {pci_target(mesh, h), mesh->corners[pci_previous(h)]};
-                for (size_t i = 0; i < 2; ++i) {
-                    if (piece[ends[i]] == PC_INVALID_INDEX && c->cluster[ends[i]] == own) {
-                        piece[ends[i]] = pieces;
-                        queue[count++] = ends[i];
-                    }
+            for (size_t k = fans->offsets[v]; k < fans->offsets[v + 1]; ++k) {
+                const uint32_t end = fans->ends[k];
+                if (piece[end] == PC_INVALID_INDEX && c->cluster[end] == own) {
+                    piece[end] = pieces;
+                    queue[count++] = end;
                 }
             }
         }
@@ -258,13 +250,10 @@ static size_t attach_orphans(clustering *c) {
     }
     for (size_t next = 0; orphans > 0 && next < count; ++next) {
         const uint32_t v = queue[next];
-        PCI_FOR_OUTGOING(mesh, v, h) {
-            const uint32_t ends[2] = {pci_target(mesh, h), mesh->corners[pci_previous(h)]};
-            for (size_t i = 0; i < 2; ++i) {
-                if (c->cluster[ends[i]] == PC_INVALID_INDEX) {
-                    c->cluster[ends[i]] = c->cluster[v];
-                    queue[count++] = ends[i];
-                }
+        for (size_t k = fans->offsets[v]; k < fans->offsets[v + 1]; ++k) {
+            if (c->cluster[fans->ends[k]] == PC_INVALID_INDEX) {
+                c->cluster[fans->ends[k]] = c->cluster[v];
+                queue[count++] = fans->ends[k];
             }
         }
     }
@@ -321,13 +310,14 @@ static bool run(clustering *c, uint32_t first, uint32_t passes, uint64_t *iterat
     return true;
 }
 
-bool pci_cluster_vertices(pc_context *context, const pci_halfedge *mesh, const double *weights,
-                          const double *scales, size_t cluster_count, const uint32_t *fixed,
-                          size_t fixed_count, uint32_t first, uint32_t passes, uint32_t *cluster,
-                          uint64_t *iterations) {
+bool pci_cluster_vertices(pc_context *context, const pci_halfedge *mesh, const pci_fans *fans,
+                          const double *weights, const double *scales, size_t cluster_count,
+                          const uint32_t *fixed, size_t fixed_count, uint32_t first,
+                          uint32_t passes, uint32_t *cluster, uint64_t *iterations) {
     pci_scratch scratch = pci_scratch_begin(context);
     clustering c = {.scratch = &scratch,
                     .mesh = mesh,
+                    .fans = fans,
                     .weights = weights,
                     .scales = scales,
                     .count = cluster_count,

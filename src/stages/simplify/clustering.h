@@ -8,6 +8,7 @@
 // Partitions the vertices that are not given clusters already into `cluster_count` connected
 // clusters, none empty, that minimise sum_i w_i |x_i - centroid of its cluster|^2 over exchanges
 // along edges.
+// @param fans        of the mesh
 // @param weights     #V, positive
 // @param scales      #V, lengths count that many times for the seeds; uniform: 1
 // @param fixed       #V, vertices with other values than PC_INVALID_INDEX belong to cluster
@@ -17,9 +18,9 @@
 // @param iterations  receives the passes done
 // Every component of the mesh gets a cluster if there are at least as many clusters as components.
 // False: out of memory or cancelled.
-bool pci_cluster_vertices(pc_context *context, const pci_halfedge *mesh, const double *weights,
-                          const double *scales, size_t cluster_count, const uint32_t *fixed,
-                          size_t fixed_count, uint32_t first, uint32_t passes, uint32_t *cluster,
-                          uint64_t *iterations);
+bool pci_cluster_vertices(pc_context *context, const pci_halfedge *mesh, const pci_fans *fans,
+                          const double *weights, const double *scales, size_t cluster_count,
+                          const uint32_t *fixed, size_t fixed_count, uint32_t first,
+                          uint32_t passes, uint32_t *cluster, uint64_t *iterations);
 
 #endif

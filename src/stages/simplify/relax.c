@@ -77,26 +77,21 @@ static double segment_point(const pci_halfedge *fine, uint32_t a, uint32_t b,
 }
 
 // Walks to a vertex none of whose neighbours is nearer to the target.
-static uint32_t walk(const pci_halfedge *fine, uint32_t from, const double target[3], bool border) {
-    double best = pci_squared_distance(&fine->positions[3 * (size_t)from], target);
+static uint32_t walk(const pci_relaxation *r, uint32_t from, const double target[3], bool border) {
+    const double *positions = r->fine->positions;
+    double best = pci_squared_distance(&positions[3 * (size_t)from], target);
     for (bool moved = true; moved;) {
         moved = false;
-        const uint32_t at = from;
-        PCI_FOR_OUTGOING(fine, at, h) {
-            const bool last = fine->twins[pci_previous(h)] == PC_INVALID_INDEX;
-            const uint32_t ends[2] = {pci_target(fine, h), fine->corners[pci_previous(h)]};
-            for (size_t i = 0; i < (last ? 2u : 1u); ++i) {
-                // Along the border only the first and the last neighbour count.
-                if (border && !(i == 1 || h == fine->outgoing[at])) {
-                    continue;
-                }
-                const double distance =
-                    pci_squared_distance(&fine->positions[3 * (size_t)ends[i]], target);
-                if (distance < best) {
-                    best = distance;
-                    from = ends[i];
-                    moved = true;
-                }
+        const size_t begin = r->fans->offsets[from], end = r->fans->offsets[from + 1];
+        // Along the border only the first and the last neighbour count.
+        const size_t step = border ? end - begin - 1 : 1;
+        for (size_t k = begin; k < end; k += step) {
+            const uint32_t to = r->fans->ends[k];
+            const double distance = pci_squared_distance(&positions[3 * (size_t)to], target);
+            if (distance < best) {
+                best = distance;
+                from = to;
+                moved = true;
             }
         }
     }
@@ -104,12 +99,14 @@ static uint32_t walk(const pci_halfedge *fine, uint32_t from, const double targe
 }
 
 // The point around fine vertex `foot` nearest to the target.
-static void nearest_around(const pci_halfedge *fine, uint32_t foot, const double target[3],
+static void nearest_around(const pci_relaxation *r, uint32_t foot, const double target[3],
                            bool border, double point[3]) {
+    const pci_halfedge *fine = r->fine;
+    const uint32_t *fan = &r->fans->ends[r->fans->offsets[foot]];
+    const size_t count = r->fans->offsets[foot + 1] - r->fans->offsets[foot];
     double best = INFINITY, candidate[3], bary[3];
     if (border) {
-        const uint32_t ends[2] = {pci_target(fine, fine->outgoing[foot]),
-                                  pci_origin(fine, pci_border_incoming(fine, foot))};
+        const uint32_t ends[2] = {fan[0], fan[count - 1]};
         for (size_t i = 0; i < 2; ++i) {
             const double distance = segment_point(fine, foot, ends[i], target, candidate);
             if (distance < best) {
@@ -119,10 +116,11 @@ static void nearest_around(const pci_halfedge *fine, uint32_t foot, const double
         }
         return;
     }
-    PCI_FOR_OUTGOING(fine, foot, h) {
+    const size_t triangles = pci_is_border_vertex(fine, foot) ? count - 1 : count;
+    for (size_t i = 0; i < triangles; ++i) {
         const double *a = &fine->positions[3 * (size_t)foot];
-        const double *b = &fine->positions[3 * (size_t)pci_target(fine, h)];
-        const double *c = &fine->positions[3 * (size_t)fine->corners[pci_previous(h)]];
+        const double *b = &fine->positions[3 * (size_t)fan[i]];
+        const double *c = &fine->positions[3 * (size_t)fan[i + 1 < count ? i + 1 : 0]];
         const double distance = pci_triangle_squared_distance(target, a, b, c, bary);
         if (distance < best) {
             best = distance;
@@ -136,8 +134,8 @@ static void nearest_around(const pci_halfedge *fine, uint32_t foot, const double
 void pci_relax_move(pci_relaxation *r, uint32_t v, const double target[3]) {
     const bool border = pci_is_border_vertex(r->coarse, v);
     double point[3] = {target[0], target[1], target[2]};
-    r->feet[v] = walk(r->fine, r->feet[v], target, border);
-    nearest_around(r->fine, r->feet[v], target, border, point);
+    r->feet[v] = walk(r, r->feet[v], target, border);
+    nearest_around(r, r->feet[v], target, border, point);
     memcpy(&r->coarse->positions[3 * (size_t)v], point, sizeof(point));
 }
 
@@ -146,12 +144,12 @@ void pci_relax_nearest_of(const pci_relaxation *r, const uint32_t *vertices, siz
     uint32_t asked = PC_INVALID_INDEX;
     *squared = INFINITY;
     for (size_t i = 0; i < count; ++i) {
-        const uint32_t foot = walk(r->fine, r->feet[vertices[i]], target, false);
+        const uint32_t foot = walk(r, r->feet[vertices[i]], target, false);
         if (foot == asked) {
             continue; // most walks end where the one before did
         }
         double candidate[3] = {target[0], target[1], target[2]};
-        nearest_around(r->fine, foot, target, false, candidate);
+        nearest_around(r, foot, target, false, candidate);
         const double distance = pci_squared_distance(candidate, target);
         if (distance < *squared) {
             *squared = distance;
@@ -164,7 +162,7 @@ void pci_relax_nearest_of(const pci_relaxation *r, const uint32_t *vertices, siz
 void pci_relax_nearest(const pci_relaxation *r, uint32_t v, const double target[3], bool border,
                        double point[3]) {
     memcpy(point, target, 3 * sizeof(*point));
-    nearest_around(r->fine, walk(r->fine, r->feet[v], target, border), target, border, point);
+    nearest_around(r, walk(r, r->feet[v], target, border), target, border, point);
 }
 
 double pci_relax_distance(const pci_relaxation *r, uint32_t v, const double point[3], bool border) {

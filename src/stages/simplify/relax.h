@@ -9,6 +9,7 @@
 // vertices stand on the fine border.
 typedef struct pci_relaxation {
     const pci_halfedge *fine;
+    const pci_fans *fans;       // of the fine mesh
     const double *fine_normals; // #V by 3, unit
     const double *scales;       // #V, wanted edges are that many times shorter
     pci_halfedge *coarse;

@@ -172,7 +172,8 @@ bool pci_sampling_begin(pci_scratch *scratch, const pc_mesh *layer, size_t verti
     }
     pc_mesh mesh = {nv, s->mesh.positions, s->mesh.triangle_count, s->mesh.corners};
     pci_vertex_normals(&mesh, s->normals);
-    if (!pci_flatten_pleats(scratch, even_spacing(&s->mesh, NULL, vertices), &mesh, s->normals)) {
+    if (!pci_flatten_pleats(scratch, even_spacing(&s->mesh, NULL, vertices), &mesh, s->normals) ||
+        !pci_fans_build(scratch, &s->mesh, &s->fans)) {
         return false;
     }
     for (size_t t = 0; t < mesh.triangle_count; ++t) {

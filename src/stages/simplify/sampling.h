@@ -7,6 +7,7 @@
 
 typedef struct pci_sampling {
     pci_halfedge mesh;
+    pci_fans fans;     // of its vertices
     double *normals;   // #V by 3, unit
     double *areas;     // #V, shares of the surface
     double *arcs;      // #V, shares of the border

@@ -174,7 +174,7 @@ static bool cluster(pci_scratch *scratch, pci_sampling *s, const pc_simplify_opt
                     uint64_t *iterations) {
     const double share = pci_random(options->seed, 0, attempt);
     const size_t given = rings != NULL ? rings->count : 0;
-    return pci_cluster_vertices(scratch->context, &s->mesh, s->weights, s->scales,
+    return pci_cluster_vertices(scratch->context, &s->mesh, &s->fans, s->weights, s->scales,
                                 options->vertices - given, rings != NULL ? rings->cluster : NULL,
                                 given, (uint32_t)(share * (double)s->mesh.vertex_count),
                                 options->clustering_iterations, clusters, iterations);
@@ -248,7 +248,7 @@ static bool relax_and_fit(pci_scratch *scratch, const pci_sampling *s, const pci
     if (pinned == NULL) {
         return false;
     }
-    pci_relaxation relaxation = {&s->mesh, s->normals, s->scales, coarse, feet, pinned};
+    pci_relaxation relaxation = {&s->mesh, &s->fans, s->normals, s->scales, coarse, feet, pinned};
     pci_relax_place(&relaxation);
     if (!pci_lace_rings(scratch, rings, nearby, &relaxation) ||
         !pin_corners(scratch, s, nearby, &relaxation)) {

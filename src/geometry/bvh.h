@@ -1,10 +1,11 @@
-// Closest points and rays on a triangle mesh. Embree proposes candidates in float, every decision
-// is made here in double, ties go to the smaller triangle index, so results do not depend on
-// Embree's instruction set. Queries are thread-safe and allocate nothing.
+// Closest points and rays on a triangle mesh. A tree that Embree builds proposes candidates in
+// float, every decision is made in double, ties go to the smaller triangle index, so results do not
+// depend on the tree or the instruction set. Queries are thread-safe and allocate nothing.
 #ifndef PCI_BVH_H
 #define PCI_BVH_H
 
 #include "core/core.h"
+#include "geometry/triangle_distance.h"
 #include "proxycloth/mesh.h"
 
 typedef struct pci_bvh pci_bvh;
@@ -94,10 +95,6 @@ typedef bool (*pci_hit_filter)(void *user, const pci_hit *hit);
 // First accepted hit with near <= distance <= far. `filter` may be NULL.
 pci_hit pci_bvh_cast(const pci_bvh *bvh, const double origin[3], const double direction[3],
                      double near, double far, pci_hit_filter filter, void *user);
-
-// Closest point of one triangle, exact in double; also for degenerate triangles.
-double pci_triangle_squared_distance(const double point[3], const double a[3], const double b[3],
-                                     const double c[3], double barycentric[3]);
 
 // Whether triangle t comes within `radius` of a point: for a few points, a tree is not worth while.
 bool pci_triangle_within(const pc_mesh *mesh, size_t t, const double point[3], double radius);

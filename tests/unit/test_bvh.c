@@ -3,6 +3,7 @@
 #include <stdlib.h>
 
 #include "core/clock.h"
+#include "geometry/bvh_tree.h"
 #include "geometry/topology.h"
 #include "support/surfaces.h"
 #include "support/test.h"
@@ -128,6 +129,29 @@ static void triangle_distance_is_the_minimum(void **state) {
     pc_context_destroy(context);
 }
 
+// The kernels of all instruction sets, bit for bit.
+static void triangle_distances_agree(void **state) {
+    (void)state;
+#if defined(__x86_64__)
+    pc_context *context = test_context(1);
+    pc_mesh soup = random_soup(context, 700, 12, 1.0, 0.0);
+    for (size_t i = 0; i < 20000 && __builtin_cpu_supports("avx2"); ++i) {
+        const size_t t = i % soup.triangle_count;
+        const double *v[3] = {corner(&soup, t, 0), corner(&soup, t, 1), corner(&soup, t, 2)};
+        double point[3], w[2][3], distances[2];
+        for (size_t k = 0; k < 3; ++k) {
+            point[k] = i % 9 == 0 ? v[i % 3][k] : 2.0 * pci_random(13, i, k) - 0.5;
+        }
+        distances[0] = pci_triangle_squared_distance_generic(point, v[0], v[1], v[2], w[0]);
+        distances[1] = pci_triangle_squared_distance_avx2(point, v[0], v[1], v[2], w[1]);
+        assert_memory_equal(&distances[0], &distances[1], sizeof(double));
+        assert_memory_equal(w[0], w[1], sizeof(w[0]));
+    }
+    pc_mesh_free(context, &soup);
+    pc_context_destroy(context);
+#endif
+}
+
 // ---- closest points -----------------------------------------------------------------------------
 
 static void closest_equals_brute_force(void **state) {
@@ -153,6 +177,7 @@ static void closest_equals_brute_force(void **state) {
             }
             const double radius = i % 3 == 0 ? (double)INFINITY : i % 3 == 1 ? 0.1 * size : 0.0;
             const pci_closest expected = brute_force_closest(&soup, point, radius);
+            bvh->kernel = i % 4 == 0 ? &pci_bvh_generic : pci_bvh_best_kernel();
             const pci_closest found = pci_bvh_closest(bvh, point, radius);
             assert_int_equal(found.triangle, expected.triangle);
             if (found.triangle != PC_INVALID_INDEX) {
@@ -358,6 +383,7 @@ static void cast_equals_reference(void **state) {
             if (any_unsafe) {
                 continue;
             }
+            bvh->kernel = i % 4 == 0 ? &pci_bvh_generic : pci_bvh_best_kernel();
             const pci_hit found = pci_bvh_cast(bvh, origin, direction, near, far, filter, NULL);
             ++compared;
             assert_int_equal(found.triangle, expected.triangle);
@@ -734,6 +760,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(triangle_distance_knows_its_regions),
         cmocka_unit_test(triangle_distance_is_the_minimum),
+        cmocka_unit_test(triangle_distances_agree),
         cmocka_unit_test(closest_equals_brute_force),
         cmocka_unit_test(moving_points_find_the_same),
         cmocka_unit_test(hints_change_no_answer),

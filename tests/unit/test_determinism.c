@@ -2,14 +2,17 @@
 // every instruction set, ours and Embree's.
 #define _POSIX_C_SOURCE 200809L
 #include "core/embree.h"
+#include "geometry/bvh_tree.h"
 #include "stages/skin/skin_kernel.h"
 #include "support/files.h"
 #include "support/surfaces.h"
 
-// In place of the library's choice (skin_kernel.c), which is then not linked.
+// In place of the library's choices (skin_kernel.c, bvh_kernel.c), which are then not linked.
 static const pci_skin_kernel *kernels[2] = {&pci_skin_generic_float, &pci_skin_generic_double};
 const pci_skin_kernel *pci_skin_kernel_float(void) { return kernels[0]; }
 const pci_skin_kernel *pci_skin_kernel_double(void) { return kernels[1]; }
+static const pci_bvh_kernel *bvh_kernel = &pci_bvh_generic;
+const pci_bvh_kernel *pci_bvh_best_kernel(void) { return bvh_kernel; }
 
 // Sets the kernels number `index`; false: there are no more that this processor can run.
 static bool choose_kernels(size_t index) {
@@ -29,6 +32,7 @@ static bool choose_kernels(size_t index) {
     if (!usable[index]) {
         return false;
     }
+    bvh_kernel = index == 0 ? &pci_bvh_generic : &pci_bvh_avx2;
 #endif
     memcpy(kernels, choices[index], sizeof(kernels));
     return true;

@@ -590,6 +590,55 @@ static void tubes_and_waves_are_no_pleats(void **state) {
     pc_context_destroy(context);
 }
 
+// `mesh` with the vertices and triangles of `part` behind its own.
+static void append(pc_context *context, pc_mesh *mesh, const pc_mesh *part) {
+    const size_t v = mesh->vertex_count, t = mesh->triangle_count;
+    pc_mesh both = {.vertex_count = v + part->vertex_count,
+                    .triangle_count = t + part->triangle_count};
+    both.positions = PCI_ALLOCATE(context, double, 3 * both.vertex_count);
+    both.triangles = PCI_ALLOCATE(context, uint32_t, 3 * both.triangle_count);
+    assert_true(both.positions != NULL && both.triangles != NULL);
+    memcpy(both.positions, mesh->positions, 3 * v * sizeof(double));
+    memcpy(&both.positions[3 * v], part->positions, 3 * part->vertex_count * sizeof(double));
+    memcpy(both.triangles, mesh->triangles, 3 * t * sizeof(uint32_t));
+    for (size_t i = 0; i < 3 * part->triangle_count; ++i) {
+        both.triangles[3 * t + i] = (uint32_t)v + part->triangles[i];
+    }
+    pc_mesh_free(context, mesh);
+    *mesh = both;
+}
+
+// A flared sleeve beside the pleats, not two edges around, stays as wide as it is.
+static void sleeves_of_pleated_dresses_stay(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_mesh dress = pleated_skirt(context, 0.15), sleeve = test_tube(context, 8, 16, 0.07, 0.3);
+    for (size_t v = 0; v < sleeve.vertex_count; ++v) {
+        double *p = &sleeve.positions[3 * v];
+        p[0] *= 1.0 + 2.0 * p[1], p[2] *= 1.0 + 2.0 * p[1];
+    }
+    const size_t first = dress.vertex_count, first_triangle = dress.triangle_count;
+    append(context, &dress, &sleeve);
+    pci_scratch scratch = pci_scratch_begin(context);
+    double *normals = PCI_SCRATCH(&scratch, double, 3 * dress.vertex_count);
+    assert_false(scratch.failed);
+    pci_vertex_normals(&dress, normals);
+    assert_true(pci_flatten_pleats(&scratch, 0.3, &dress, normals));
+    double before = 0.0, after = 0.0, radii[2];
+    for (size_t t = 0; t < sleeve.triangle_count; ++t) {
+        before += pci_triangle_area(&sleeve, t);
+        after += pci_triangle_area(&dress, first_triangle + t);
+    }
+    assert_true(after > 0.95 * before);
+    const pc_mesh skirt = {first, dress.positions, 0, NULL};
+    find_radii(&skirt, radii);
+    assert_true(radii[0] > 0.4 && radii[1] < 0.6);
+    pci_scratch_end(&scratch);
+    pc_mesh_free(context, &dress);
+    pc_mesh_free(context, &sleeve);
+    pc_context_destroy(context);
+}
+
 // ---- density map --------------------------------------------------------------------------------
 
 // A visual mesh with the same triangles as `mesh` and a color per vertex: the red channel is 1 in
@@ -844,6 +893,7 @@ int main(void) {
         cmocka_unit_test(leaves_no_spikes),
         cmocka_unit_test(narrow_pleats_are_flattened),
         cmocka_unit_test(tubes_and_waves_are_no_pleats),
+        cmocka_unit_test(sleeves_of_pleated_dresses_stay),
         cmocka_unit_test(edges_follow_the_density_map),
         cmocka_unit_test(a_small_spot_gets_enough_samples),
         cmocka_unit_test(a_missing_density_map_is_reported),

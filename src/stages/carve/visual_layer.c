@@ -158,7 +158,8 @@ static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh 
     cover_job cover = {bvh, surface, reach + thickness, missed};
     const bool done =
         pci_parallel_while_wanted(context, layer->triangle_count, grain, look_around, &p) &&
-        pci_parallel_while_wanted(context, surface->vertex_count, grain, find_missed, &cover);
+        (atomic_load(&p.touches) ||
+         pci_parallel_while_wanted(context, surface->vertex_count, grain, find_missed, &cover));
     pci_bvh_destroy(context, bvh);
     if (!done) {
         return pci_fail_memory(context, stage);

@@ -8,6 +8,9 @@ static const double rough = 1e-2, fine = 1e-4; // tolerances
 // Mean cosine between normals and what is their mean around them. A surface of more stands in no
 // pleats worth a change of shape; parts of it between the other two are flattened less.
 static const double pleated_cosine = 0.7, flat_cosine = 0.9, lost_cosine = 0.75;
+// Normals cancel out around a sleeve: their mean is 1 / (1 + (2 pi / n)^2) long where that is n
+// coming edges around, here a little more than three, and three and a half. Thinner ones stay.
+static const double sleeve_length = 0.2, wide_length = 0.25;
 // Waves shorter than about four times this many edges go.
 static const double width_share = 0.5;
 
@@ -119,9 +122,10 @@ static double mean_squared_length(const pc_mesh *mesh, const pci_topology *topol
     return topology->edge_count > 0 ? sum / (double)topology->edge_count : 0.0;
 }
 
-// How well the normals agree with their mean around them, again as a mean: `cosines`, #V.
+// How well the normals agree with their mean around them, again as a mean: `cosines`, #V, and how
+// long that mean is: `lengths`, #V.
 static bool find_cosines(pci_scratch *scratch, smoothing *s, const double *normals, double *cosines,
-                         double *work) {
+                         double *lengths, double *work) {
     double *means = PCI_SCRATCH(scratch, double, 3 * s->count);
     if (means == NULL) {
         return false;
@@ -131,9 +135,15 @@ static bool find_cosines(pci_scratch *scratch, smoothing *s, const double *norma
         return false;
     }
     for (size_t v = 0; v < s->count; ++v) {
+        lengths[v] = pci_norm(&means[3 * v]);
         cosines[v] = pci_normalize(&means[3 * v]) ? pci_dot(&means[3 * v], &normals[3 * v]) : 1.0;
     }
     return solve(s, 1, average, rough, cosines, work);
+}
+
+// 0 up to `none`, 1 from `all` on.
+static double ramp(double x, double none, double all) {
+    return fmin(fmax((x - none) / (all - none), 0.0), 1.0);
 }
 
 static bool run(pci_scratch *scratch, double spacing, pc_mesh *mesh, double *normals) {
@@ -141,6 +151,7 @@ static bool run(pci_scratch *scratch, double spacing, pc_mesh *mesh, double *nor
     const size_t n = mesh->vertex_count;
     double *work = PCI_SCRATCH(scratch, double, 9 * n);
     double *strengths = PCI_SCRATCH(scratch, double, n);
+    double *lengths = PCI_SCRATCH(scratch, double, n);
     smoothing s = {.context = scratch->context,
                    .topology = &topology,
                    .count = n,
@@ -155,14 +166,15 @@ static bool run(pci_scratch *scratch, double spacing, pc_mesh *mesh, double *nor
     }
     s.scale = 1.0 / (1.5 * square);
     s.strengths = strengths;
-    if (!find_cosines(scratch, &s, normals, strengths, work)) {
+    if (!find_cosines(scratch, &s, normals, strengths, lengths, work)) {
         return false;
     }
     double sum = 0.0;
     for (size_t v = 0; v < n; ++v) {
         sum += strengths[v]; // still the cosines
-        const double share = (flat_cosine - strengths[v]) / (flat_cosine - lost_cosine);
-        strengths[v] = pow(width_share * spacing * fmin(fmax(share, 0.0), 1.0), 4.0);
+        const double share = ramp(strengths[v], flat_cosine, lost_cosine) *
+                             ramp(lengths[v], sleeve_length, wide_length);
+        strengths[v] = pow(width_share * spacing * share, 4.0);
     }
     if (sum > pleated_cosine * (double)n) {
         return true;

@@ -72,7 +72,7 @@ static bool watch_build(void *user, double primitives) {
 // ---- what is kept of it -------------------------------------------------------------------------
 
 static void count_parts(const draft *part, pci_bvh_tree *tree) {
-    ++*(part->child_count > 0 ? &tree->node_count : &tree->leaf_count);
+    ++*(part->triangle_count > 0 ? &tree->leaf_count : &tree->node_count);
     for (size_t i = 0; i < part->child_count; ++i) {
         count_parts(part->children[i], tree);
     }

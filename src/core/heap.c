@@ -5,12 +5,14 @@ static bool before(const pci_heap_entry *a, const pci_heap_entry *b) {
 }
 
 bool pci_heap_push(pci_scratch *scratch, pci_heap *heap, double key, uint32_t item) {
-    void *entries = heap->entries;
-    if (!pci_scratch_reserve(scratch, &entries, &heap->capacity, heap->count + 1,
-                             sizeof(*heap->entries))) {
-        return false;
+    if (heap->count == heap->capacity) {
+        void *entries = heap->entries;
+        if (!pci_scratch_reserve(scratch, &entries, &heap->capacity, heap->count + 1,
+                                 sizeof(*heap->entries))) {
+            return false;
+        }
+        heap->entries = entries;
     }
-    heap->entries = entries;
     const pci_heap_entry entry = {key, item};
     size_t at = heap->count++;
     while (at > 0 && before(&entry, &heap->entries[(at - 1) / 2])) {

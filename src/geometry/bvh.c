@@ -11,6 +11,11 @@
 // in a garment. Where it is thousands, searches for all vertices or triangles take minutes.
 #define MOST_OVERLAP 1000.0
 
+// A tree pays to be built with care when it is asked several times per triangle: as that of a small
+// mesh is by a larger one, and the shared one by many stages, unless it is finer than they ask.
+#define FEW_TRIANGLES 1000
+#define MOST_SHARED   65536
+
 static struct RTCBuildPrimitive bound_triangle(const pci_bvh *bvh, size_t triangle) {
     const double *a = pci_bvh_corner(bvh->mesh, triangle, 0);
     const double *b = pci_bvh_corner(bvh->mesh, triangle, 1);
@@ -84,7 +89,9 @@ static pc_status grow(pc_context *context, const char *stage, pci_bvh *bvh) {
             }
         }
         bvh->repeats = count < triangle_count;
-        status = pci_bvh_build(context, stage, &bvh->memory, boxes, count, &bvh->tree);
+        const bool shared = bvh->mesh == context->shared_mesh;
+        const bool careful = count <= (shared ? MOST_SHARED : FEW_TRIANGLES);
+        status = pci_bvh_build(context, stage, &bvh->memory, boxes, count, careful, &bvh->tree);
     } else {
         status = pci_fail_memory(context, stage);
     }

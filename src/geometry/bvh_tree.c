@@ -6,10 +6,6 @@
 #include "core/context.h"
 #include "core/embree.h"
 
-// Larger meshes have more triangles than anybody asks points for: a tree that is built quickly
-// pays.
-#define MOST_CAREFUL 65536
-
 // ---- what Embree builds -------------------------------------------------------------------------
 
 // A node or a leaf in Embree's memory.
@@ -136,7 +132,8 @@ static pc_status fail(pc_context *context, const char *stage, enum RTCError erro
 }
 
 pc_status pci_bvh_build(pc_context *context, const char *stage, pci_scratch *memory,
-                        struct RTCBuildPrimitive *boxes, size_t count, pci_bvh_tree *tree) {
+                        struct RTCBuildPrimitive *boxes, size_t count, bool careful,
+                        pci_bvh_tree *tree) {
     RTCDevice device = pci_embree_device(&context->embree);
     RTCBVH bvh = device == NULL ? NULL : rtcNewBVH(device);
     if (bvh == NULL) {
@@ -144,8 +141,7 @@ pc_status pci_bvh_build(pc_context *context, const char *stage, pci_scratch *mem
     }
     build_watch watch = {.context = context, .thread = pthread_self(), .wanted = true};
     struct RTCBuildArguments arguments = rtcDefaultBuildArguments();
-    arguments.buildQuality =
-        count > MOST_CAREFUL ? RTC_BUILD_QUALITY_LOW : RTC_BUILD_QUALITY_MEDIUM;
+    arguments.buildQuality = careful ? RTC_BUILD_QUALITY_MEDIUM : RTC_BUILD_QUALITY_LOW;
     arguments.maxBranchingFactor = PCI_BVH_WIDTH;
     arguments.maxDepth = PCI_BVH_LEVELS - 1;
     arguments.sahBlockSize = arguments.minLeafSize = arguments.maxLeafSize = PCI_BVH_LEAF;

@@ -64,16 +64,17 @@ static void least_squares(double rows[][TERMS + 1], size_t row_count, double sol
         order[c] = c, solution[c] = 0.0;
     }
     for (; rank < TERMS && rank < row_count; ++rank) {
-        // Exchange the longest remaining column to the front.
+        // Exchange the longest remaining column to the front. Sums run over all columns at a time.
         size_t best = rank;
-        double longest = -1.0;
-        for (size_t c = rank; c < TERMS; ++c) {
-            double square = 0.0;
-            for (size_t r = rank; r < row_count; ++r) {
-                square += rows[r][order[c]] * rows[r][order[c]];
+        double longest = -1.0, squares[TERMS + 1] = {0.0};
+        for (size_t r = rank; r < row_count; ++r) {
+            for (size_t c = 0; c <= TERMS; ++c) {
+                squares[c] += rows[r][c] * rows[r][c];
             }
-            if (square > longest) {
-                longest = square, best = c;
+        }
+        for (size_t c = rank; c < TERMS; ++c) {
+            if (squares[order[c]] > longest) {
+                longest = squares[order[c]], best = c;
             }
         }
         const double norm = sqrt(longest);
@@ -89,14 +90,23 @@ static void least_squares(double rows[][TERMS + 1], size_t row_count, double sol
         const double diagonal = head > 0.0 ? -norm : norm;
         const double scale = 1.0 / (norm * (norm + fabs(head)));
         rows[rank][column] = head - diagonal;
-        for (size_t c = rank + 1; c <= TERMS; ++c) {
-            const size_t other = c < TERMS ? order[c] : TERMS;
-            double along = 0.0;
-            for (size_t r = rank; r < row_count; ++r) {
-                along += rows[r][column] * rows[r][other];
+        double along[TERMS + 1] = {0.0};
+        for (size_t r = rank; r < row_count; ++r) {
+            const double own = rows[r][column];
+            for (size_t c = 0; c <= TERMS; ++c) {
+                along[c] += own * rows[r][c];
             }
-            for (size_t r = rank; r < row_count; ++r) {
-                rows[r][other] -= scale * along * rows[r][column];
+        }
+        for (size_t c = 0; c <= TERMS; ++c) {
+            along[c] *= scale;
+        }
+        for (size_t c = 0; c <= rank; ++c) {
+            along[order[c]] = 0.0; // done
+        }
+        for (size_t r = rank; r < row_count; ++r) {
+            const double own = rows[r][column];
+            for (size_t c = 0; c <= TERMS; ++c) {
+                rows[r][c] -= along[c] * own;
             }
         }
         rows[rank][column] = diagonal;

@@ -61,7 +61,7 @@ static const pc_field option_fields[] = {
                      "Passes over frames at most, most of them over a sample; alternate only"),
     PCI_FIELD_OPTION(
         pc_skin_options, round_gain, DOUBLE, 0.002, 0.0, 1.0, "",
-        "Stops when a round gains less than this share of the losses, at first a fifth of "
+        "Stops when a round gains less than this share of the losses, at first a tenth of "
         "it of the gain so far; alternate only"),
     PCI_FIELD_OPTION(pc_skin_options, epochs, UINT, 100, 0, 100000, "epochs",
                      "Passes over all frames"),

@@ -11,7 +11,7 @@ enum { SWEEPS = 2 }; // per round, each there and back
 _Static_assert(PCI_SKIN_PATCH % PCI_SKIN_GROUP == 0, "the rows of a group follow one another");
 
 static const double sample_rounds = 0.75; // of the rounds at most
-static const double lowered_share = 0.2; // all rounds rarely lower the energy by more of the losses
+static const double lowered_share = 0.1; // all rounds rarely lower the energy by more of the losses
 static const double followed_share = 0.5; // see skin_alternate.h
 
 typedef struct row_job {

@@ -65,10 +65,10 @@ static void complete(void *user, size_t begin, size_t end, uint32_t worker) {
                 steps[0][at] += job->moved[v * q->slots + at % q->slots];
                 changes[0][at] = slope - changes[0][at];
             }
-            for (size_t i = 0; i < s->count + s->begun; ++i) {
+            for (size_t i = 0; i < PCI_SKIN_SECANTS; ++i) {
                 const double step = (double)steps[i][at];
                 sums.slopes[i] += step * (double)slope;
-                for (size_t j = 0; j < s->count + s->begun; ++j) {
+                for (size_t j = 0; j < PCI_SKIN_SECANTS; ++j) {
                     sums.products[i][j] += step * (double)changes[j][at];
                 }
             }
@@ -94,7 +94,8 @@ static pci_skin_secant_sums add_sums(const pci_skin_secants *s) {
 // Returns how many steps that are: from the first on that hardly differs from those before it none
 // count.
 static uint32_t find_lengths(const pci_skin_secant_sums *sums, uint32_t count, double *lengths) {
-    double l[PCI_SKIN_SECANTS][PCI_SKIN_SECANTS], d[PCI_SKIN_SECANTS], y[PCI_SKIN_SECANTS];
+    double l[PCI_SKIN_SECANTS][PCI_SKIN_SECANTS] = {{0.0}};
+    double d[PCI_SKIN_SECANTS] = {0.0}, y[PCI_SKIN_SECANTS] = {0.0};
     uint32_t n = 0;
     for (; n < count; ++n) {
         d[n] = sums->products[n][n];
@@ -112,6 +113,7 @@ static uint32_t find_lengths(const pci_skin_secant_sums *sums, uint32_t count, d
             break;
         }
     }
+    memset(lengths, 0, PCI_SKIN_SECANTS * sizeof(*lengths));
     for (uint32_t i = n; i-- > 0;) {
         lengths[i] = y[i] / d[i];
         for (uint32_t j = i + 1; j < n; ++j) {
@@ -138,7 +140,7 @@ static void go_along(void *user, size_t begin, size_t end, uint32_t worker) {
         for (size_t k = 0; k < slots; ++k) {
             const size_t at = m * slots + k;
             double step = 0.0, change = 0.0;
-            for (size_t i = 0; i < s->count; ++i) {
+            for (size_t i = 0; i < PCI_SKIN_SECANTS; ++i) {
                 step += job->lengths[i] * (double)steps[i][at];
                 change += job->lengths[i] * (double)changes[i][at];
             }

@@ -1,11 +1,12 @@
 // What the solvers of the skinning weights reach, and what it costs.
-// Usage: proxycloth_bench_skin [--threads N] [--subdivide N] [--no-adamw] FILE.obj...
+// Usage: proxycloth_bench_skin [--threads N] [--subdivide N] [--influences N] [--no-adamw]
+//                              [--no-rounds] FILE.obj...
 //
 // Seconds are CPU seconds of all threads together, which other programs on the machine hardly
-// change; on idle cores wall time is that over the threads. "paper" rows minimise the paper's
-// energy with 8 influences: 200 epochs of AdamW at its learning rate, and the default solver, the
-// whole stage, with more and more rounds. "default" is the stage at its defaults, "8 influences"
-// with these.
+// change; on idle cores wall time is that over the threads. "default" is the stage at its defaults,
+// the row below with 8 influences, or as many as asked. The rows after these minimise the paper's
+// energy with that many: 200 epochs of AdamW at its learning rate, and the default solver, the
+// whole stage, with as many rounds as it takes by default and with more and more.
 #define _POSIX_C_SOURCE 200809L
 #include <malloc.h>
 #include <time.h>
@@ -16,11 +17,14 @@
 #include "support/garment.h"
 #include "support/peak.h"
 
-enum { SLOTS = 8 };
+enum { NEIGHBOURS = 8 };
 
 typedef struct bench {
     pc_context *context;
     pc_asset asset;
+    uint32_t influences;
+    uint32_t subdivisions;
+    bool adamw, rounds; // whether to run AdamW, and the solver with other numbers of rounds
 } bench;
 
 static double cpu_seconds(void) {
@@ -117,15 +121,13 @@ static void set_motion(const pc_asset *asset, const pc_skin *skin, pci_skin_prob
 
 // The default solver on the paper's energy, all candidates.
 static bool alternate(pci_scratch *scratch, const pc_asset *asset, const pci_skin_problem *problem,
-                      pci_place *closest, uint32_t rounds, pc_skin *skin) {
+                      pci_place *closest, const pc_skin_options *chosen, pc_skin *skin,
+                      uint32_t *rounds) {
     const double lambda[4] = {1.0, 1.0, 0.1, 0.0};
     const pci_skin_kernel *kernel = pci_skin_kernel_float();
-    pc_skin_options options;
-    pc_record_set_defaults(&pc_skin_options_record, &options);
+    pc_skin_options options = *chosen;
     options.lambda_follow = options.lambda_stretch = 0.0;
-    options.rounds = rounds;
-    options.round_gain = 0.0;
-    uint32_t left = rounds;
+    uint32_t left = options.rounds;
     pci_skin_gram gram;
     pci_skin_alternation alternation;
     pci_skin_fit fit = {.context = scratch->context,
@@ -144,15 +146,17 @@ static bool alternate(pci_scratch *scratch, const pc_asset *asset, const pci_ski
                       pci_skin_start_from_coarse(&fit, &gram, &left) == PC_OK &&
                       pci_skin_alternation_build(scratch, problem, kernel, &gram, &alternation) &&
                       pci_skin_alternation_weigh(scratch, &alternation, lambda, 0.0) &&
-                      pci_skin_alternation_run(&alternation, rounds, 0.0, false, 0.0, 1.0,
-                                               skin->weights) == PC_OK;
+                      pci_skin_alternation_run(&alternation, options.rounds, options.round_gain,
+                                               false, 0.0, 1.0, skin->weights) == PC_OK;
+    *rounds = alternation.rounds;
     pc_skin_free(scratch->context, &fit.followed);
     return good;
 }
 
 // The paper's energy, from the first guess of the stage: by its optimiser and settings, `batch`
-// frames at a time; or by the default one, batch 0.
-static bool run_paper(bench *b, const char *name, uint32_t batch, uint32_t steps) {
+// frames at a time; or by the default one, `chosen` not NULL.
+static bool run_paper(bench *b, const char *name, uint32_t batch, const pc_skin_options *chosen) {
+    enum { EPOCHS = 200 };
     const pc_asset *asset = &b->asset;
     const pc_mesh *surface = &asset->visual.surface;
     const size_t nv = surface->vertex_count;
@@ -162,21 +166,23 @@ static bool run_paper(bench *b, const char *name, uint32_t batch, uint32_t steps
     (void)malloc_trim(0); // what earlier calls gave back is not there to be used again
     reset_peak();
     const double before = peak_mebibytes(), start = cpu_seconds();
-    pc_skin skin = {.vertex_count = nv, .influences = SLOTS};
-    skin.bones = PCI_SCRATCH(&scratch, uint32_t, SLOTS * nv);
-    skin.weights = PCI_SCRATCH(&scratch, double, SLOTS *nv);
+    const uint32_t slots = b->influences;
+    uint32_t steps = EPOCHS;
+    pc_skin skin = {.vertex_count = nv, .influences = slots};
+    skin.bones = PCI_SCRATCH(&scratch, uint32_t, slots * nv);
+    skin.weights = PCI_SCRATCH(&scratch, double, slots *nv);
     pci_place *closest = PCI_SCRATCH(&scratch, pci_place, nv);
     bool good = !scratch.failed &&
-                pci_skin_problem_build(&scratch, surface, NULL, SLOTS, &problem) &&
+                pci_skin_problem_build(&scratch, surface, NULL, NEIGHBOURS, &problem) &&
                 pci_closest_points(b->context, "skin", surface, &asset->proxy, closest) == PC_OK &&
-                pci_skin_find_candidates(&scratch, surface, &asset->proxy, closest, NULL, SLOTS,
+                pci_skin_find_candidates(&scratch, surface, &asset->proxy, closest, NULL, slots,
                                          skin.bones, skin.weights);
     if (good) {
         set_motion(asset, &skin, &problem);
     }
-    if (good && batch > 0) {
+    if (good && chosen == NULL) {
         const pci_skin_descent settings = {.lambda = {lambda[0], lambda[1], lambda[2]},
-                                           .epochs = steps,
+                                           .epochs = EPOCHS,
                                            .batch = batch,
                                            .learning_rate = 1e-3,
                                            .weight_decay = 0.01,
@@ -186,12 +192,12 @@ static bool run_paper(bench *b, const char *name, uint32_t batch, uint32_t steps
                                 skin.weights) == PC_OK;
     }
     for (size_t v = 0; v < nv && good; ++v) {
-        double row[SLOTS];
-        pci_skin_normalize(&skin.weights[SLOTS * v], SLOTS, row);
-        memcpy(&skin.weights[SLOTS * v], row, sizeof(row));
+        double row[PCI_SKIN_CANDIDATES_MAX];
+        pci_skin_normalize(&skin.weights[slots * v], slots, row);
+        memcpy(&skin.weights[slots * v], row, slots * sizeof(*row));
     }
-    if (good && batch == 0) {
-        good = alternate(&scratch, asset, &problem, closest, steps, &skin);
+    if (good && chosen != NULL) {
+        good = alternate(&scratch, asset, &problem, closest, chosen, &skin, &steps);
     }
     const double seconds = cpu_seconds() - start, peak = peak_mebibytes() - before;
     if (good) {
@@ -208,7 +214,8 @@ static bool run_kernel(bench *b) {
     pci_scratch scratch = pci_scratch_begin(b->context);
     pci_skin_problem problem;
     pci_skin_frames frames;
-    bool good = pci_skin_problem_build(&scratch, &asset->visual.surface, NULL, SLOTS, &problem);
+    bool good =
+        pci_skin_problem_build(&scratch, &asset->visual.surface, NULL, NEIGHBOURS, &problem);
     if (good) {
         set_motion(asset, skin, &problem);
         good =
@@ -252,11 +259,24 @@ static bool run_stage(bench *b, const char *name, const pc_skin_options *options
     return good;
 }
 
-static bool run_garment(bench *b, const char *path, uint32_t subdivisions, bool adamw) {
+static bool run_alternate(bench *b) {
+    pc_skin_options options;
+    pc_record_set_defaults(&pc_skin_options_record, &options);
+    bool good = run_paper(b, "alternate", 0, &options);
+    options.round_gain = 0.0;
+    for (uint32_t rounds = 0; rounds <= 64 && good && b->rounds;
+         rounds = rounds < 4 ? rounds + 4 : 2 * rounds) {
+        options.rounds = rounds;
+        good = run_paper(b, "rounds", 0, &options);
+    }
+    return good;
+}
+
+static bool run_garment(bench *b, const char *path) {
     pc_options options = pc_default_options();
     pc_asset *asset = &b->asset;
     bool good = load_garment(b->context, path, asset);
-    for (uint32_t i = 0; i < subdivisions && good; ++i) {
+    for (uint32_t i = 0; i < b->subdivisions && good; ++i) {
         good = subdivide(b->context, asset);
     }
     for (pc_stage stage = 0; stage <= PC_STAGE_SIMULATE && good; ++stage) {
@@ -270,49 +290,55 @@ static bool run_garment(bench *b, const char *path, uint32_t subdivisions, bool 
     printf("  %-16s %5s %9s %12s %12s %12s %8s\n", "", "steps", "CPU s", "loss", "L_r", "L_c",
            "kB/vert");
     pc_options wide = options;
-    wide.skin.influences = SLOTS;
+    wide.skin.influences = b->influences;
     // The first run also loads the code, which is no memory of the stage.
     good = pc_run_stage(b->context, PC_STAGE_SKIN, &wide, asset, NULL) == PC_OK &&
-           run_stage(b, "default", &options.skin) && run_stage(b, "8 influences", &wide.skin) &&
+           run_stage(b, "default", &options.skin) && run_stage(b, "influences", &wide.skin) &&
            run_kernel(b);
-    if (good && adamw) {
-        good = run_paper(b, "AdamW, full", (uint32_t)asset->motion.frame_count, 200) &&
-               run_paper(b, "AdamW, batches", 16, 200);
+    if (good && b->adamw) {
+        good = run_paper(b, "AdamW, full", (uint32_t)asset->motion.frame_count, NULL) &&
+               run_paper(b, "AdamW, batches", 16, NULL);
     }
-    for (uint32_t rounds = 0; rounds <= 64 && good; rounds = rounds < 4 ? rounds + 4 : 2 * rounds) {
-        good = run_paper(b, "alternate", 0, rounds);
-    }
-    return good;
+    return good && run_alternate(b);
 }
 
 int main(int argc, char **argv) {
-    uint32_t threads = 1, subdivisions = 0;
-    bool adamw = true;
+    uint32_t threads = 1;
+    bench b = {.influences = 8, .adamw = true, .rounds = true};
     int first = 1;
     for (; first < argc && strncmp(argv[first], "--", 2) == 0; ++first) {
-        if (strcmp(argv[first], "--threads") == 0 && first + 1 < argc) {
-            threads = (uint32_t)strtoul(argv[++first], NULL, 10);
-        } else if (strcmp(argv[first], "--subdivide") == 0 && first + 1 < argc) {
-            subdivisions = (uint32_t)strtoul(argv[++first], NULL, 10);
-        } else if (strcmp(argv[first], "--no-adamw") == 0) {
-            adamw = false;
+        const char *value = first + 1 < argc ? argv[first + 1] : "";
+        if (strcmp(argv[first], "--no-adamw") == 0) {
+            b.adamw = false;
+        } else if (strcmp(argv[first], "--no-rounds") == 0) {
+            b.rounds = false;
         } else {
-            first = argc;
+            uint32_t *number = strcmp(argv[first], "--threads") == 0      ? &threads
+                               : strcmp(argv[first], "--subdivide") == 0  ? &b.subdivisions
+                               : strcmp(argv[first], "--influences") == 0 ? &b.influences
+                                                                          : NULL;
+            if (number == NULL) {
+                first = argc;
+                break;
+            }
+            *number = (uint32_t)strtoul(value, NULL, 10);
+            ++first;
         }
     }
-    if (first >= argc) {
-        fprintf(stderr, "usage: %s [--threads N] [--subdivide N] [--no-adamw] FILE.obj...\n",
+    if (first >= argc || b.influences == 0 || b.influences > PCI_SKIN_CANDIDATES_MAX) {
+        fprintf(stderr,
+                "usage: %s [--threads N] [--subdivide N] [--influences N] [--no-adamw] "
+                "[--no-rounds] FILE.obj...\n",
                 argv[0]);
         return 2;
     }
-    bench b = {0};
     const pc_context_options context_options = {.threads = threads};
     if (pc_context_create(&context_options, &b.context) != PC_OK) {
         return 1;
     }
     int result = 0;
     for (int i = first; i < argc; ++i) {
-        if (!run_garment(&b, argv[i], subdivisions, adamw)) {
+        if (!run_garment(&b, argv[i])) {
             fprintf(stderr, "%s: %s\n", argv[i], pc_context_error(b.context)->message);
             result = 1;
         }

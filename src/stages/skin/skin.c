@@ -59,9 +59,10 @@ static const pc_field option_fields[] = {
                      "paper; alternate only"),
     PCI_FIELD_OPTION(pc_skin_options, rounds, UINT, 20, 0, 100000, "rounds",
                      "Passes over frames at most, most of them over a sample; alternate only"),
-    PCI_FIELD_OPTION(pc_skin_options, round_gain, DOUBLE, 0.002, 0.0, 1.0, "",
-                     "Stops when a round gains less than this share of the losses, at first of the "
-                     "gain so far; alternate only"),
+    PCI_FIELD_OPTION(
+        pc_skin_options, round_gain, DOUBLE, 0.002, 0.0, 1.0, "",
+        "Stops when a round gains less than this share of the losses, at first a tenth of "
+        "it of the gain so far; alternate only"),
     PCI_FIELD_OPTION(pc_skin_options, epochs, UINT, 100, 0, 100000, "epochs",
                      "Passes over all frames"),
     PCI_FIELD_OPTION(pc_skin_options, batch, UINT, 16, 1, 100000, "frames",

@@ -1,9 +1,9 @@
 // Alternates between rotations and weights.
-// Based on: Sorkine, Alexa, "As-rigid-as-possible surface modeling", 2007 (local/global);
-// Walker, Ni, "Anderson acceleration for fixed-point iterations", 2011.
+// Based on: Sorkine, Alexa, "As-rigid-as-possible surface modeling", 2007 (local/global).
 #include "stages/skin/skin_alternate.h"
 
 #include "stages/skin/skin_layers.h"
+#include "stages/skin/skin_secants.h"
 
 static const char stage[] = "skin";
 
@@ -11,14 +11,12 @@ enum { SWEEPS = 2 }; // per round, each there and back
 _Static_assert(PCI_SKIN_PATCH % PCI_SKIN_GROUP == 0, "the rows of a group follow one another");
 
 static const double sample_rounds = 0.75; // of the rounds at most
-// Along the last round's; it may have gone too far.
-static const double longest_step = 8.0, longest_step_back = 0.5;
+static const double lowered_share = 0.1; // all rounds rarely lower the energy by more of the losses
 static const double followed_share = 0.5; // see skin_alternate.h
 
 typedef struct row_job {
     pci_skin_alternation *a;
     double *weights;
-    double factor;
 } row_job;
 
 // Adds `factor` times a row of weights to the bones it names; or sets those to 0.
@@ -215,7 +213,7 @@ static bool find_gradient(pci_skin_alternation *a, pci_skin_level level, double 
     return true;
 }
 
-// <dE/dW, step of the last round>.
+// <dE/dW, what has moved>.
 static double slope_of_step(const pci_skin_alternation *a) {
     const size_t slots = a->frames.problem->slots;
     double slope = 0.0;
@@ -227,37 +225,6 @@ static double slope_of_step(const pci_skin_alternation *a) {
         }
     }
     return slope;
-}
-
-// How far to go on along the last round's step: to where the gradient would have no part along it,
-// were it to change on as it has over that step.
-static double step_length(double slope_before, double slope) {
-    const double curvature = slope - slope_before;
-    const double length = curvature > 0.0 ? -slope / curvature : 0.0;
-    return length > longest_step         ? longest_step
-           : length < -longest_step_back ? -longest_step_back
-                                         : length;
-}
-
-// W + factor times what has moved, brought back to the simplex; that has moved then.
-static void extrapolate(void *user, size_t begin, size_t end, uint32_t worker) {
-    (void)worker;
-    const row_job *job = user;
-    const size_t slots = job->a->frames.problem->slots;
-    for (size_t v = begin; v < end; ++v) {
-        float *moved = &job->a->moved[v * slots];
-        double *weights = &job->weights[v * slots], row[PCI_SKIN_SLOTS_MAX], sum = 0.0;
-        for (size_t k = 0; k < slots; ++k) {
-            const double w = weights[k] + job->factor * (double)moved[k];
-            row[k] = w > 0.0 ? w : 0.0;
-            sum += row[k];
-        }
-        for (size_t k = 0; k < slots; ++k) {
-            const double w = job->factor != 0.0 ? row[k] / sum : weights[k];
-            moved[k] = (float)(w - weights[k]);
-            weights[k] = w;
-        }
-    }
 }
 
 bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *problem,
@@ -321,41 +288,50 @@ bool pci_skin_alternation_weigh(pci_scratch *scratch, pci_skin_alternation *a,
                                     a->gram->matrix, a->allowed, &a->quadratic);
 }
 
-pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, double tolerance,
-                                   bool rough, double progress_begin, double progress_end,
-                                   double *weights) {
-    pc_context *context = a->frames.context;
-    const size_t nv = a->frames.problem->vertex_count;
+static pc_status run_rounds(pci_skin_alternation *a, pci_skin_secants *secants, uint32_t rounds,
+                            double tolerance, bool rough, double progress_begin,
+                            double progress_end, double *weights) {
     const uint32_t most = rough ? rounds : (uint32_t)(sample_rounds * rounds);
-    bool sampled = a->gram->levels[PCI_SKIN_SAMPLE].stride > 1, same_frames = false;
-    row_job job = {.a = a, .weights = weights};
-    double lowered = 0.0, slope = 0.0; // of the last round's step, before it
+    bool sampled = a->gram->levels[PCI_SKIN_SAMPLE].stride > 1;
+    double lowered = 0.0;
     for (uint32_t round = 0; round < rounds; ++round) {
         const double share = (double)round / (double)rounds;
         if (sampled && round >= most) {
-            sampled = same_frames = false;
+            sampled = false;
+            pci_skin_secants_interrupt(secants);
         }
-        if (!pci_progress(context, stage,
+        if (!pci_progress(a->frames.context, stage,
                           progress_begin + share * (progress_end - progress_begin)) ||
             !find_gradient(a, sampled ? PCI_SKIN_SAMPLE : PCI_SKIN_ALL, weights, NULL)) {
-            return pci_fail_cancelled(context, stage);
+            return pci_fail_cancelled(a->frames.context, stage);
         }
-        job.factor = same_frames ? step_length(slope, slope_of_step(a)) : 0.0;
-        pci_parallel_for(context, nv, 256, extrapolate, &job);
+        double fall = pci_skin_secants_step(secants, a->gradient, a->moved, weights);
         pci_skin_quadratic_sweep(&a->quadratic, a->gradient, SWEEPS, a->moved, weights);
         // A quadratic function falls by half of what the gradient says on the way to its minimum.
-        slope = slope_of_step(a);
-        const double fall = -0.5 * slope;
+        fall -= 0.5 * slope_of_step(a);
         lowered += fall;
-        same_frames = true;
-        if (fall <= tolerance * (a->losses > 0.0 ? a->losses : lowered)) {
+        if (fall <= tolerance * (a->losses > 0.0 ? a->losses : lowered_share * lowered)) {
             if (!sampled || rough) {
                 break;
             }
-            sampled = same_frames = false;
+            sampled = false;
+            pci_skin_secants_interrupt(secants);
         }
     }
     return PC_OK;
+}
+
+pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, double tolerance,
+                                   bool rough, double progress_begin, double progress_end,
+                                   double *weights) {
+    pci_scratch scratch = pci_scratch_begin(a->frames.context);
+    pci_skin_secants secants;
+    const pc_status status = pci_skin_secants_build(&scratch, &a->quadratic, &secants)
+                                 ? run_rounds(a, &secants, rounds, tolerance, rough, progress_begin,
+                                              progress_end, weights)
+                                 : pci_fail_memory(a->frames.context, stage);
+    pci_scratch_end(&scratch);
+    return status;
 }
 
 pc_status pci_skin_alternation_prune(pci_skin_alternation *a, uint32_t kept, double *weights,

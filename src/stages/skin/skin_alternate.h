@@ -47,8 +47,9 @@ bool pci_skin_alternation_weigh(pci_scratch *scratch, pci_skin_alternation *alte
                                 const double lambda[4], double lambda_follow);
 
 // At most `rounds` rounds of one pass over frames and some sweeps; stops when a round lowers the
-// energy by less than `tolerance` of the losses or, while these are not known, of what all rounds
-// of this call have. Most rounds see a sample of the frames, the last ones all unless `rough`.
+// energy by less than `tolerance` of the losses or, while these are not known, a tenth of that of
+// what all rounds of this call have. Most rounds see a sample of the frames, the last
+// ones all unless `rough`.
 // @param[in,out] weights  in: any; slots that are not allowed are 0.
 PC_NODISCARD pc_status pci_skin_alternation_run(pci_skin_alternation *alternation, uint32_t rounds,
                                                 double tolerance, bool rough, double progress_begin,

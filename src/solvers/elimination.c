@@ -90,6 +90,7 @@ static bool choose_order(elimination *s, uint32_t max_width, uint64_t max_entrie
     const size_t n = s->graph->vertex_count;
     neighbours *all = PCI_SCRATCH(s->scratch, neighbours, n);
     uint8_t *mark = PCI_SCRATCH(s->scratch, uint8_t, n);
+    uint32_t *lists = PCI_SCRATCH(s->scratch, uint32_t, s->rows.offsets[n]); // before they grow
     degrees d = {.first = PCI_SCRATCH(s->scratch, uint32_t, n + 1),
                  .next = PCI_SCRATCH(s->scratch, uint32_t, n),
                  .previous = PCI_SCRATCH(s->scratch, uint32_t, n)};
@@ -100,10 +101,8 @@ static bool choose_order(elimination *s, uint32_t max_width, uint64_t max_entrie
     for (size_t left = n; left-- > 1;) {
         const uint32_t v = (uint32_t)left;
         const size_t begin = s->rows.offsets[v], end = s->rows.offsets[v + 1];
-        if (!pci_scratch_reserve(s->scratch, (void **)&all[v].list, &all[v].capacity, end - begin,
-                                 sizeof(uint32_t))) {
-            return false;
-        }
+        all[v].list = &lists[begin];
+        all[v].capacity = end - begin;
         for (size_t k = begin; k < end; ++k) {
             const uint32_t w = pci_signed_other(&s->graph->edges[s->rows.edges[k]], v);
             if (w != PCI_GROUND) {

@@ -57,7 +57,7 @@ static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_skin_options, equal_edges, BOOL, 1, 0, 1, "",
                      "Edges count alike in L_r, L_c and L_s, not by their squared length as in the "
                      "paper; alternate only"),
-    PCI_FIELD_OPTION(pc_skin_options, rounds, UINT, 20, 0, 100000, "rounds",
+    PCI_FIELD_OPTION(pc_skin_options, rounds, UINT, 24, 0, 100000, "rounds",
                      "Passes over frames at most, most of them over a sample; alternate only"),
     PCI_FIELD_OPTION(
         pc_skin_options, round_gain, DOUBLE, 0.002, 0.0, 1.0, "",

@@ -2,7 +2,7 @@
 ///
 /// The field is sampled on a lattice with spacing D/N_v (section 3.1), D being the longest side of
 /// the bounding box. Only samples near the surface are kept, so memory and time grow with its area
-/// (about N_v^2), not with N_v^3. Distances are exact: candidates come from Embree point queries,
+/// (about N_v^2), not with N_v^3. Distances are exact: candidates come from a tree of boxes,
 /// the point-triangle distance is computed in double, then stored in float.
 ///
 /// The lattice is centred on the bounding box. It reaches at least 3.5 cells beyond, with an offset

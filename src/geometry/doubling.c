@@ -43,15 +43,6 @@ typedef struct layer_filter {
     places layers;
 } layer_filter;
 
-static bool unit_normal(const pc_mesh *mesh, size_t triangle, double normal[3]) {
-    const uint32_t *corner = &mesh->triangles[3 * triangle];
-    double ab[3], ac[3];
-    pci_sub(&mesh->positions[3 * (size_t)corner[1]], &mesh->positions[3 * (size_t)corner[0]], ab);
-    pci_sub(&mesh->positions[3 * (size_t)corner[2]], &mesh->positions[3 * (size_t)corner[0]], ac);
-    pci_cross(ab, ac, normal);
-    return pci_normalize(normal);
-}
-
 // Notes triangles of another layer: apart from the sampled one, and nearly parallel to it.
 static bool note_layer(void *user, const pci_hit *hit) {
     layer_filter *filter = user;
@@ -63,8 +54,8 @@ static bool note_layer(void *user, const pci_hit *hit) {
         }
     }
     double normal[3];
-    if (unit_normal(filter->mesh, hit->triangle, normal) &&
-        fabs(pci_dot(normal, filter->normal)) > LEAST_COSINE) {
+    pci_triangle_vector(filter->mesh, hit->triangle, normal);
+    if (pci_normalize(normal) && fabs(pci_dot(normal, filter->normal)) > LEAST_COSINE) {
         add_place(&filter->layers, hit->distance);
     }
     return false;
@@ -122,7 +113,8 @@ static void cast_samples(void *user, size_t begin, size_t end, uint32_t worker) 
             }
         }
         layer_filter filter = {.mesh = s->mesh, .triangle = (uint32_t)low};
-        if (!unit_normal(s->mesh, low, filter.normal)) {
+        pci_triangle_vector(s->mesh, low, filter.normal);
+        if (!pci_normalize(filter.normal)) {
             continue;
         }
         const double root = sqrt(pci_random(0, 1, i)), along = pci_random(0, 2, i);

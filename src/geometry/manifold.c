@@ -83,15 +83,6 @@ static void wing_direction(const pc_mesh *mesh, uint32_t h, double wing[3]) {
     pci_normalize(wing);
 }
 
-// The half-edge of triangle t that runs along edge e.
-static uint32_t half_along(const pci_topology *topology, uint32_t t, size_t e) {
-    uint32_t half = 3 * t;
-    while (topology->triangle_edges[half] != e) {
-        ++half;
-    }
-    return half;
-}
-
 // The half-edges of the first living triangles at an edge. More than `most_wings` are no cloth.
 enum { most_wings = 64 };
 static size_t list_living(const repair *r, size_t e, uint32_t half[most_wings]) {
@@ -101,7 +92,7 @@ static size_t list_living(const repair *r, size_t e, uint32_t half[most_wings]) 
     for (size_t i = topology->edge_triangle_offsets[e]; i < end && count < most_wings; ++i) {
         const uint32_t t = topology->edge_triangles[i];
         if (r->alive[t]) {
-            half[count++] = half_along(topology, t, e);
+            half[count++] = pci_half_along(topology, t, e);
         }
     }
     return count;
@@ -240,7 +231,7 @@ static bool is_crowded(const repair *r) {
             const uint32_t t = topology->edge_triangles[i];
             if (r->alive[t]) {
                 ++living;
-                apart = apart || r->glued[half_along(topology, t, e)] == PC_INVALID_INDEX;
+                apart = apart || r->glued[pci_half_along(topology, t, e)] == PC_INVALID_INDEX;
             }
         }
         if (living > 1 && apart) {
@@ -354,8 +345,8 @@ static bool find_twins(const repair *r, uint32_t *twins) {
             return false;
         }
         if (count == 2) {
-            const uint32_t h = half_along(topology, topology->edge_triangles[first], e);
-            const uint32_t g = half_along(topology, topology->edge_triangles[first + 1], e);
+            const uint32_t h = pci_half_along(topology, topology->edge_triangles[first], e);
+            const uint32_t g = pci_half_along(topology, topology->edge_triangles[first + 1], e);
             if (r->mesh->triangles[h] == r->mesh->triangles[g]) {
                 return false;
             }

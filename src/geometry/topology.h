@@ -27,6 +27,15 @@ bool pci_topology_build_watched(pci_scratch *scratch, const pc_mesh *mesh, pci_t
 // is more than half of the work.
 bool pci_topology_build_edges(pci_scratch *scratch, const pc_mesh *mesh, pci_topology *topology);
 
+// The half-edge (3 t + corner) of triangle t that runs along edge e, one of its three.
+static inline uint32_t pci_half_along(const pci_topology *topology, uint32_t t, size_t e) {
+    uint32_t half = 3 * t;
+    while (topology->triangle_edges[half] != e) {
+        ++half;
+    }
+    return half;
+}
+
 // Mean length of the edges; 0 without edges.
 double pci_mean_edge_length(const pc_mesh *mesh, const pci_topology *topology);
 

@@ -260,11 +260,7 @@ static uint32_t half_across(const lining *l, const uint8_t *keep, uint32_t half)
     }
     const uint32_t *sides = &l->topology.edge_triangles[offsets[e]];
     const uint32_t other = sides[sides[0] == half / 3 ? 1 : 0];
-    uint32_t across = 3 * other;
-    while (l->topology.triangle_edges[across] != e) {
-        ++across;
-    }
-    return keep[other] ? across : PC_INVALID_INDEX;
+    return keep[other] ? pci_half_along(&l->topology, other, e) : PC_INVALID_INDEX;
 }
 
 // The boundary loops of what is kept.

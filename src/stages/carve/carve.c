@@ -6,6 +6,7 @@
 #include "geometry/rim.h"
 #include "geometry/topology.h"
 #include "stages/carve/border.h"
+#include "stages/carve/coverage.h"
 #include "stages/carve/crumbs.h"
 #include "stages/carve/dents.h"
 #include "stages/carve/lining.h"
@@ -60,8 +61,6 @@ const pc_record pc_carve_report_record = PCI_RECORD(report_fields, pc_carve_repo
 
 // The labels of a folded sheet may miss so much of it.
 static const double least_coverage = 0.99;
-// What the visual mesh covers is within this many voxels of the layer.
-static const double covered_voxels = 2.0;
 // So much of a layer's area may bridge gaps.
 static const double most_bridges = 0.005;
 // What is taken instead may have so many times the boundary: a front that opens has more.
@@ -77,59 +76,18 @@ static const double rim_spacing = 0.25; // in voxels
 // of the rest, within so many voxels of each other; less than this share of the area is noise at
 // hems.
 static const double both_sides_reach = 0.5, least_both_sides = 0.1;
-// Pieces of parallel loops.
-enum { grain = 256 };
 
-// ---- report -----------------------------------------------------------------------------------
-
-// Whether the layer is within reach of a vertex. Where one of its vertices is, nobody needs a tree
-// of its triangles, nor where none is within so much more that no point between them can be.
-enum { UNSURE, COVERED, MISSED };
-typedef struct coverage_job {
-    const pci_knn *points; // of the layer
-    const pci_bvh *layer;  // for those that are unsure
-    const pc_mesh *surface;
-    double reach, between; // from any point of the layer to the nearest vertex
-    uint8_t *covered;      // #V
-} coverage_job;
-
-static void compare_points(void *user, size_t begin, size_t end, uint32_t worker) {
-    (void)worker;
-    const coverage_job *job = user;
-    uint32_t last = PC_INVALID_INDEX, far = PC_INVALID_INDEX;
-    for (size_t v = begin; v < end; ++v) {
-        const double *point = &job->surface->positions[3 * v];
-        job->covered[v] = pci_knn_within_near(job->points, point, job->reach, &last) ? COVERED
-                          : pci_knn_within_near(job->points, point, job->reach + job->between, &far)
-                              ? UNSURE
-                              : MISSED;
-    }
-}
-
-static void compare_triangles(void *user, size_t begin, size_t end, uint32_t worker) {
-    (void)worker;
-    const coverage_job *job = user;
-    uint32_t last = PC_INVALID_INDEX;
-    for (size_t v = begin; v < end; ++v) {
-        if (job->covered[v] == UNSURE) {
-            const double *point = &job->surface->positions[3 * v];
-            job->covered[v] =
-                pci_bvh_within_near(job->layer, point, job->reach, &last) ? COVERED : MISSED;
-        }
-    }
-}
-
-// No point of a triangle is farther than this from its nearest corner, of all triangles.
-static double farthest_from_corners(const pc_mesh *mesh) {
-    double square = 0.0;
-    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
-        const size_t next = i % 3 == 2 ? i - 2 : i + 1;
-        square =
-            fmax(square, pci_squared_distance(&mesh->positions[3 * (size_t)mesh->triangles[i]],
-                                              &mesh->positions[3 * (size_t)mesh->triangles[next]]));
-    }
-    return (1.0 + 1e-9) * sqrt(square / 3.0); // of an equilateral one
-}
+// What a single layer is made of.
+typedef struct carve_job {
+    pci_scratch *scratch;
+    const pc_mesh *surface;   // visual mesh
+    const pc_mesh *cloth;     // what of it is cloth
+    double thickness;         // of the cloth
+    const pc_mesh *projected; // mesh
+    const uint8_t *labels;    // #V of `projected`
+    double cell_size;
+    const pc_carve_options *options;
+} carve_job;
 
 // Counts, and the length of the boundary.
 static pc_status measure_shape(pci_scratch *scratch, const pc_mesh *mesh, pc_carve_report *report,
@@ -146,41 +104,11 @@ static pc_status measure_shape(pci_scratch *scratch, const pc_mesh *mesh, pc_car
     return PC_OK;
 }
 
-static pc_status measure_coverage(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *mesh,
-                                  double cell_size, double *coverage) {
-    pc_context *context = scratch->context;
-    pci_knn points;
-    pci_bvh *layer = NULL;
-    pc_status status = PC_OK;
-    coverage_job job = {.points = &points,
-                        .surface = surface,
-                        .reach = covered_voxels * cell_size,
-                        .between = farthest_from_corners(mesh),
-                        .covered = PCI_SCRATCH(scratch, uint8_t, surface->vertex_count)};
-    if (scratch->failed || !pci_knn_build(scratch, mesh->vertex_count, mesh->positions, &points)) {
-        return pci_fail_memory(context, stage);
-    }
-    pci_parallel_for(context, surface->vertex_count, grain, compare_points, &job);
-    if (memchr(job.covered, UNSURE, surface->vertex_count) != NULL) {
-        status = pci_bvh_create(context, stage, mesh, &layer);
-        job.layer = layer;
-    }
-    if (status == PC_OK && layer != NULL) {
-        pci_parallel_for(context, surface->vertex_count, grain, compare_triangles, &job);
-    }
-    pci_bvh_destroy(context, layer);
-    size_t sum = 0;
-    for (size_t v = 0; v < surface->vertex_count; ++v) {
-        sum += job.covered[v] == COVERED;
-    }
-    *coverage = (double)sum / (double)surface->vertex_count;
-    return status;
-}
-
-static pc_status measure(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *mesh,
-                         double cell_size, pc_carve_report *report, double *boundary) {
-    const pc_status status = measure_shape(scratch, mesh, report, boundary);
-    return status == PC_OK ? measure_coverage(scratch, surface, mesh, cell_size, &report->coverage)
+static pc_status measure(const carve_job *job, const pc_mesh *mesh, pc_carve_report *report) {
+    double boundary = 0.0;
+    const pc_status status = measure_shape(job->scratch, mesh, report, &boundary);
+    return status == PC_OK ? pci_measure_coverage(job->scratch, stage, job->surface, mesh,
+                                                  job->cell_size, &report->coverage)
                            : status;
 }
 
@@ -214,9 +142,10 @@ static pc_status no_proxy(pc_context *context, const char *reason) {
 }
 
 // Marks the triangles with two labels of 1; NULL: out of memory.
-static uint8_t *kept_triangles(pci_scratch *scratch, const pc_mesh *projected,
-                               const uint8_t *labels) {
-    uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, projected->triangle_count);
+static uint8_t *kept_triangles(const carve_job *job) {
+    const pc_mesh *projected = job->projected;
+    const uint8_t *labels = job->labels;
+    uint8_t *keep = PCI_SCRATCH(job->scratch, uint8_t, projected->triangle_count);
     for (size_t t = 0; keep != NULL && t < projected->triangle_count; ++t) {
         const uint32_t *corner = &projected->triangles[3 * t];
         keep[t] =
@@ -226,22 +155,21 @@ static uint8_t *kept_triangles(pci_scratch *scratch, const pc_mesh *projected,
 }
 
 // The triangles whose labels say so, as a manifold without small parts and short holes.
-static pc_status extract(pci_scratch *scratch, const pc_mesh *cloth, const pci_bvh *visual,
-                         const pci_knn *rims, const pc_mesh *projected, const uint8_t *labels,
-                         double cell_size, const pc_carve_options *options, pc_mesh *layer,
-                         pc_carve_report *report) {
+static pc_status extract(const carve_job *job, const pci_bvh *visual, const pci_knn *rims,
+                         pc_mesh *layer, pc_carve_report *report) {
+    pci_scratch *scratch = job->scratch;
     pc_context *context = scratch->context;
-    uint8_t *keep = kept_triangles(scratch, projected, labels);
-    if (keep == NULL || !pci_keep_dents(scratch, projected, rims, cell_size, keep)) {
+    uint8_t *keep = kept_triangles(job);
+    if (keep == NULL || !pci_keep_dents(scratch, job->projected, rims, job->cell_size, keep)) {
         return pci_fail_memory(context, stage);
     }
     pci_repair_counts counts;
-    if (!pci_mesh_repair(scratch, projected, keep, layer, &counts)) {
+    if (!pci_mesh_repair(scratch, job->projected, keep, layer, &counts)) {
         return pci_fail_memory(context, stage);
     }
     const pc_status status =
-        pci_drop_crumbs(scratch, stage, cloth, visual, options->smallest_part,
-                        loose_voxels * cell_size, layer, &report->dropped_parts);
+        pci_drop_crumbs(scratch, stage, job->cloth, visual, job->options->smallest_part,
+                        loose_voxels * job->cell_size, layer, &report->dropped_parts);
     if (status != PC_OK) {
         return status;
     }
@@ -251,17 +179,18 @@ static pc_status extract(pci_scratch *scratch, const pc_mesh *cloth, const pci_b
     if (!pci_progress(context, stage, 0.3)) {
         return pci_fail_cancelled(context, stage);
     }
-    return pci_fill_loops(scratch, layer, options->fill_loops, INFINITY, &report->filled_loops)
+    return pci_fill_loops(scratch, layer, job->options->fill_loops, INFINITY, &report->filled_loops)
                ? PC_OK
                : pci_fail_memory(context, stage);
 }
 
-static pc_status find_rims(pci_scratch *scratch, const pc_mesh *cloth, const pci_bvh *visual,
-                           double cell_size, pci_knn *rims) {
+static pc_status find_rims(const carve_job *job, const pci_bvh *visual, pci_knn *rims) {
+    pci_scratch *scratch = job->scratch;
     size_t count = 0;
     double *points = NULL;
-    const pc_status status = pci_rim_points(scratch, stage, visual, cloth, rim_radius * cell_size,
-                                            rim_spacing * cell_size, &count, &points);
+    const pc_status status =
+        pci_rim_points(scratch, stage, visual, job->cloth, rim_radius * job->cell_size,
+                       rim_spacing * job->cell_size, &count, &points);
     if (status != PC_OK) {
         return status;
     }
@@ -269,18 +198,19 @@ static pc_status find_rims(pci_scratch *scratch, const pc_mesh *cloth, const pci
                                                        : pci_fail_memory(scratch->context, stage);
 }
 
-static pc_status cut(pci_scratch *scratch, const pc_mesh *cloth, const pci_bvh *visual,
-                     const pci_knn *rims, double cell_size, const pc_carve_options *options,
+static pc_status cut(const carve_job *job, const pci_bvh *visual, const pci_knn *rims,
                      pc_mesh *layer, pc_carve_report *report) {
+    pci_scratch *scratch = job->scratch;
+    const pc_carve_options *options = job->options;
     pc_status status = pci_cut_outline(scratch, stage, visual, rims,
                                        options->carve ? PCI_OUTLINE_ALL : PCI_OUTLINE_MEMBRANES,
-                                       options->carve_distance * cell_size, cell_size, layer,
-                                       &report->carved_regions, &report->carved_triangles);
+                                       options->carve_distance * job->cell_size, job->cell_size,
+                                       layer, &report->carved_regions, &report->carved_triangles);
     if (status != PC_OK) {
         return status;
     }
-    status = pci_drop_crumbs(scratch, stage, cloth, visual, options->smallest_part,
-                             loose_voxels * cell_size, layer, &report->dropped_parts);
+    status = pci_drop_crumbs(scratch, stage, job->cloth, visual, options->smallest_part,
+                             loose_voxels * job->cell_size, layer, &report->dropped_parts);
     if (status != PC_OK) {
         return status;
     }
@@ -310,10 +240,12 @@ static bool find_bridges(pci_scratch *scratch, const pci_bvh *cloth, const pc_me
 }
 
 // Mends what webs it can: the layer keeps its shape.
-static pc_status mend_bridges(pci_scratch *scratch, const pci_bvh *cloth, const pc_mesh *projected,
-                              const uint8_t *labels, double cell_size, uint8_t *away,
+static pc_status mend_bridges(const carve_job *job, const pci_bvh *visual, uint8_t *away,
                               pc_mesh *layer) {
-    const uint8_t *kept = kept_triangles(scratch, projected, labels);
+    pci_scratch *scratch = job->scratch;
+    const pc_mesh *projected = job->projected;
+    const double cell_size = job->cell_size;
+    const uint8_t *kept = kept_triangles(job);
     if (kept == NULL) {
         return pci_fail_memory(scratch->context, stage);
     }
@@ -322,7 +254,7 @@ static pc_status mend_bridges(pci_scratch *scratch, const pci_bvh *cloth, const 
     pc_status status =
         pci_mend_webs(scratch, stage, projected, kept, away, cell_size, true, layer, &mended);
     if (status == PC_OK && mended) {
-        status = find_bridges(scratch, cloth, layer, cell_size, &away, &left)
+        status = find_bridges(scratch, visual, layer, cell_size, &away, &left)
                      ? PC_OK
                      : pci_fail_memory(scratch->context, stage);
     }
@@ -333,46 +265,41 @@ static pc_status mend_bridges(pci_scratch *scratch, const pci_bvh *cloth, const 
     return status;
 }
 
-// The labelled side of the projected mesh, cut along the outline. @param visual  tree of `cloth`
-static pc_status labelled_layer(pci_scratch *scratch, const pc_mesh *cloth, const pci_bvh *visual,
-                                const pc_mesh *projected, const uint8_t *labels, double cell_size,
-                                const pc_carve_options *options, pc_mesh *layer,
+// The labelled side of the projected mesh, cut along the outline.
+static pc_status labelled_layer(const carve_job *job, const pci_bvh *visual, pc_mesh *layer,
                                 pc_carve_report *report) {
+    pci_scratch *scratch = job->scratch;
     pci_knn rims = {0};
     report->source = PC_LAYER_LABELS;
-    pc_status status = find_rims(scratch, cloth, visual, cell_size, &rims);
+    pc_status status = find_rims(job, visual, &rims);
     if (status == PC_OK) {
-        status = extract(scratch, cloth, visual, &rims, projected, labels, cell_size, options,
-                         layer, report);
+        status = extract(job, visual, &rims, layer, report);
     }
     if (status == PC_OK) {
         bool peeled = false;
-        status = pci_peel_linings(scratch, stage, NULL, both_sides_reach * cell_size,
+        status = pci_peel_linings(scratch, stage, NULL, both_sides_reach * job->cell_size,
                                   least_both_sides, layer, &peeled);
     }
-    if (status == PC_OK && options->snap_border) {
-        status = pci_snap_border(scratch->context, stage, cloth, visual, cell_size, layer);
+    if (status == PC_OK && job->options->snap_border) {
+        status =
+            pci_snap_border(scratch->context, stage, job->cloth, visual, job->cell_size, layer);
     }
-    return status == PC_OK ? cut(scratch, cloth, visual, &rims, cell_size, options, layer, report)
-                           : status;
+    return status == PC_OK ? cut(job, visual, &rims, layer, report) : status;
 }
 
 // The labelled triangles of the projected mesh; may be none.
-static pc_status labelled_side(pci_scratch *scratch, const pc_mesh *projected,
-                               const uint8_t *labels, pc_mesh *side) {
-    const uint8_t *keep = kept_triangles(scratch, projected, labels);
-    return keep != NULL && pci_mesh_compact(scratch, projected, keep, side, NULL)
+static pc_status labelled_side(const carve_job *job, pc_mesh *side) {
+    const uint8_t *keep = kept_triangles(job);
+    return keep != NULL && pci_mesh_compact(job->scratch, job->projected, keep, side, NULL)
                ? PC_OK
-               : pci_fail_memory(scratch->context, stage);
+               : pci_fail_memory(job->scratch->context, stage);
 }
 
-// Takes the visual mesh as the layer, with the labelled side outside.
-static pc_status take_visual(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *projected,
-                             const uint8_t *labels, double cell_size, uint64_t filled,
-                             pc_mesh *visual, pc_mesh *layer, pc_carve_report *report) {
-    pc_context *context = scratch->context;
+// Takes the visual mesh, emptied by this, as the layer, with the labelled side outside.
+static pc_status take_visual(const carve_job *job, uint64_t filled, pc_mesh *visual, pc_mesh *layer,
+                             pc_carve_report *report) {
+    pc_context *context = job->scratch->context;
     pc_mesh side = {0};
-    double boundary = 0.0;
     pc_mesh_free(context, layer);
     *layer = *visual;
     *visual = (pc_mesh){0};
@@ -380,27 +307,25 @@ static pc_status take_visual(pci_scratch *scratch, const pc_mesh *surface, const
     if (layer->triangle_count == 0) {
         return no_proxy(context, "the visual mesh has none of use");
     }
-    pc_status status = labelled_side(scratch, projected, labels, &side);
+    pc_status status = labelled_side(job, &side);
     if (status == PC_OK && side.triangle_count > 0) {
-        status = pci_face_like(scratch, stage, &side, layer);
+        status = pci_face_like(job->scratch, stage, &side, layer);
     }
     pc_mesh_free(context, &side);
-    return status == PC_OK ? measure(scratch, surface, layer, cell_size, report, &boundary)
-                           : status;
+    return status == PC_OK ? measure(job, layer, report) : status;
 }
 
 // Where the labelled layer bridges gaps, as between two legs, the cloth made one sheet is taken if
 // that has the shape that the labels say, and no front is open that they closed.
-static pc_status try_tailoring(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
-                               double thickness, const pc_mesh *projected, const uint8_t *labels,
-                               double cell_size, double boundary, pc_mesh *layer,
+static pc_status try_tailoring(const carve_job *job, double boundary, pc_mesh *layer,
                                pc_carve_report *report, bool *taken) {
+    pci_scratch *scratch = job->scratch;
     pc_mesh side = {0}, sewn = {0};
     pc_carve_report other = {.source = PC_LAYER_VISUAL};
-    pc_status status = labelled_side(scratch, projected, labels, &side);
+    pc_status status = labelled_side(job, &side);
     if (status == PC_OK && side.triangle_count > 0) {
-        status = pci_tailored_layer(scratch, stage, surface, cloth, &side, thickness, cell_size,
-                                    &sewn, &other.filled_loops);
+        status = pci_tailored_layer(scratch, stage, job->surface, job->cloth, &side, job->thickness,
+                                    job->cell_size, &sewn, &other.filled_loops);
     }
     pc_mesh_free(scratch->context, &side);
     double length = 0.0;
@@ -410,7 +335,8 @@ static pc_status try_tailoring(pci_scratch *scratch, const pc_mesh *surface, con
     *taken = status == PC_OK && other.components == report->components &&
              other.boundary_loops == report->boundary_loops && length <= most_boundary * boundary;
     if (*taken) {
-        status = measure_coverage(scratch, surface, &sewn, cell_size, &other.coverage);
+        status = pci_measure_coverage(scratch, stage, job->surface, &sewn, job->cell_size,
+                                      &other.coverage);
     }
     if (*taken && status == PC_OK) {
         pc_mesh_free(scratch->context, layer);
@@ -423,58 +349,48 @@ static pc_status try_tailoring(pci_scratch *scratch, const pc_mesh *surface, con
 }
 
 // Whether there are so few parts that they may be one sheet, worn over each other.
-static bool may_be_tailored(pci_scratch *scratch, const pc_mesh *cloth,
-                            const pc_carve_options *options) {
-    uint32_t *parents = PCI_SCRATCH(scratch, uint32_t, cloth->vertex_count);
-    if (parents == NULL || options->layer_source != PC_LAYER_AUTO) {
-        return false;
-    }
-    const size_t parts = pci_vertex_components(cloth, parents);
-    return parts <= most_parts;
+static bool may_be_tailored(const carve_job *job) {
+    const pc_mesh *cloth = job->cloth;
+    uint32_t *parents = PCI_SCRATCH(job->scratch, uint32_t, cloth->vertex_count);
+    return parents != NULL && job->options->layer_source == PC_LAYER_AUTO &&
+           pci_vertex_components(cloth, parents) <= most_parts;
 }
 
 // What stands in for the labelled layer where it bridges gaps: the cloth made one sheet, or itself
-// with the gaps' walls.
-static pc_status bridge_gaps(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
-                             const pci_bvh *visual, double thickness, const pc_mesh *projected,
-                             const uint8_t *labels, double cell_size, double boundary,
-                             const pc_carve_options *options, pc_mesh *layer,
-                             pc_carve_report *report) {
+// with the gaps' walls. @param boundary  length of the layer's boundary
+static pc_status bridge_gaps(const carve_job *job, const pci_bvh *visual, double boundary,
+                             pc_mesh *layer, pc_carve_report *report) {
+    pci_scratch *scratch = job->scratch;
     uint8_t *away = NULL;
     double share = 0.0;
     bool taken = false;
-    pc_status status = find_bridges(scratch, visual, layer, cell_size, &away, &share)
+    pc_status status = find_bridges(scratch, visual, layer, job->cell_size, &away, &share)
                            ? PC_OK
                            : pci_fail_memory(scratch->context, stage);
-    if (status == PC_OK && share > most_bridges && may_be_tailored(scratch, cloth, options)) {
-        status = try_tailoring(scratch, surface, cloth, thickness, projected, labels, cell_size,
-                               boundary, layer, report, &taken);
+    if (status == PC_OK && share > most_bridges && may_be_tailored(job)) {
+        status = try_tailoring(job, boundary, layer, report, &taken);
     }
     if (status != PC_OK || taken) {
         return status;
     }
     if (share > 0.0) {
-        status = mend_bridges(scratch, visual, projected, labels, cell_size, away, layer);
+        status = mend_bridges(job, visual, away, layer);
     }
-    return status == PC_OK ? measure(scratch, surface, layer, cell_size, report, &boundary)
-                           : status;
+    return status == PC_OK ? measure(job, layer, report) : status;
 }
 
 // The labelled layer, unless another one is better. Shapes are compared before anything is done
 // that keeps them. @param folded  the cloth as it is, if it is a folded sheet; may become the layer
-static pc_status labelled_or_other(pci_scratch *scratch, const pc_mesh *surface,
-                                   const pc_mesh *cloth, double thickness, const pc_mesh *projected,
-                                   const uint8_t *labels, double cell_size,
-                                   const pc_carve_options *options, uint64_t filled,
-                                   pc_mesh *folded, pc_mesh *layer, pc_carve_report *report) {
+static pc_status labelled_or_other(const carve_job *job, uint64_t filled, pc_mesh *folded,
+                                   pc_mesh *layer, pc_carve_report *report) {
+    pci_scratch *scratch = job->scratch;
     pci_bvh *visual = NULL;
     pc_carve_report other = {0};
     double boundary = 0.0, length = 0.0;
     bool better = false;
-    pc_status status = pci_bvh_create(scratch->context, stage, cloth, &visual);
+    pc_status status = pci_bvh_create(scratch->context, stage, job->cloth, &visual);
     if (status == PC_OK) {
-        status = labelled_layer(scratch, cloth, visual, projected, labels, cell_size, options,
-                                layer, report);
+        status = labelled_layer(job, visual, layer, report);
     }
     if (status == PC_OK) {
         status = measure_shape(scratch, layer, report, &boundary);
@@ -485,40 +401,33 @@ static pc_status labelled_or_other(pci_scratch *scratch, const pc_mesh *surface,
                                      other.boundary_loops != report->boundary_loops);
     }
     if (status == PC_OK && !better) {
-        status = bridge_gaps(scratch, surface, cloth, visual, thickness, projected, labels,
-                             cell_size, boundary, options, layer, report);
+        status = bridge_gaps(job, visual, boundary, layer, report);
         better = status == PC_OK && folded->triangle_count > 0 &&
                  report->source == PC_LAYER_LABELS && report->coverage < least_coverage;
     }
     pci_bvh_destroy(scratch->context, visual);
-    return status == PC_OK && better ? take_visual(scratch, surface, projected, labels, cell_size,
-                                                   filled, folded, layer, report)
-                                     : status;
+    return status == PC_OK && better ? take_visual(job, filled, folded, layer, report) : status;
 }
 
-static pc_status choose_layer(pci_scratch *scratch, const pc_mesh *surface, const pc_mesh *cloth,
-                              double thickness, const pc_mesh *projected, const uint8_t *labels,
-                              double cell_size, const pc_carve_options *options, pc_mesh *layer,
-                              pc_carve_report *report) {
-    const bool always = options->layer_source == PC_LAYER_VISUAL;
+static pc_status choose_layer(const carve_job *job, pc_mesh *layer, pc_carve_report *report) {
+    pci_scratch *scratch = job->scratch;
+    const uint32_t source = job->options->layer_source;
+    const bool always = source == PC_LAYER_VISUAL;
     pci_layering layering = PCI_LAYERED;
     uint64_t filled = 0;
     pc_mesh visual = {0};
     pc_status status = PC_OK;
-    if (options->layer_source != PC_LAYER_LABELS) {
-        status = pci_visual_layer(scratch, stage, surface, cloth, thickness, cell_size, always,
-                                  &visual, &layering, &filled);
+    if (source != PC_LAYER_LABELS) {
+        status = pci_visual_layer(scratch, stage, job->surface, job->cloth, job->thickness,
+                                  job->cell_size, always, &visual, &layering, &filled);
     }
     if (status == PC_OK && !pci_progress(scratch->context, stage, 0.2)) {
         status = pci_fail_cancelled(scratch->context, stage);
     }
-    if (status == PC_OK && (always || layering == PCI_PLAIN)) {
-        return take_visual(scratch, surface, projected, labels, cell_size, filled, &visual, layer,
-                           report);
-    }
     if (status == PC_OK) {
-        status = labelled_or_other(scratch, surface, cloth, thickness, projected, labels, cell_size,
-                                   options, filled, &visual, layer, report);
+        status = always || layering == PCI_PLAIN
+                     ? take_visual(job, filled, &visual, layer, report)
+                     : labelled_or_other(job, filled, &visual, layer, report);
     }
     pc_mesh_free(scratch->context, &visual);
     return status;
@@ -540,14 +449,19 @@ pc_status pc_carve(pc_context *context, const pc_mesh *surface, const pc_mesh *p
     pci_scratch scratch = pci_scratch_begin(context);
     pc_carve_report counts = {0};
     pc_mesh cloth = {0}, layer = {0};
-    double thickness = 0.0;
-    status = pci_visual_cloth(&scratch, stage, surface, cell_size, &cloth, &thickness);
+    carve_job job = {.scratch = &scratch,
+                     .surface = surface,
+                     .cloth = &cloth,
+                     .projected = projected,
+                     .labels = labels->labels,
+                     .cell_size = cell_size,
+                     .options = &chosen};
+    status = pci_visual_cloth(&scratch, stage, surface, cell_size, &cloth, &job.thickness);
     if (status == PC_OK && cloth.triangle_count == 0) {
         status = no_proxy(context, "the visual mesh has none of use");
     }
     if (status == PC_OK) {
-        status = choose_layer(&scratch, surface, &cloth, thickness, projected, labels->labels,
-                              cell_size, &chosen, &layer, &counts);
+        status = choose_layer(&job, &layer, &counts);
     }
     pc_mesh_free(context, &cloth);
     pci_scratch_end(&scratch);

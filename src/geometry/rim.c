@@ -165,8 +165,8 @@ static void add_triangle(ball *b, const double corners[3][3]) {
     add_part(b, f.area, moment);
 }
 
-double pci_one_sided(const pci_bvh *bvh, const pc_mesh *mesh, const double point[3],
-                     double radius) {
+double pci_one_sided(const pci_bvh *bvh, const pc_mesh *mesh, const double point[3], double radius,
+                     double inward[3]) {
     uint32_t triangles[most_triangles];
     const size_t count = pci_bvh_collect_fitting(bvh, point, &radius, most_triangles, triangles);
     ball b = {.centre = {point[0], point[1], point[2]}, .radius = radius};
@@ -179,6 +179,10 @@ double pci_one_sided(const pci_bvh *bvh, const pc_mesh *mesh, const double point
         add_triangle(&b, (const double(*)[3])corners);
     }
     const double moment[3] = {(double)b.moment[0], (double)b.moment[1], (double)b.moment[2]};
+    memcpy(inward, moment, sizeof(moment));
+    if (!pci_normalize(inward)) {
+        memset(inward, 0, sizeof(moment));
+    }
     return b.area > 0 ? pci_norm(moment) / (double)b.area : 0.0;
 }
 
@@ -259,6 +263,7 @@ typedef struct rim_job {
     const pc_mesh *mesh;
     double radius;
     const double *candidates;
+    double *inwards;
     uint8_t *on_rim;
 } rim_job;
 
@@ -266,14 +271,13 @@ static void test_candidates(void *user, size_t begin, size_t end, uint32_t worke
     (void)worker;
     const rim_job *job = user;
     for (size_t i = begin; i < end; ++i) {
-        job->on_rim[i] = pci_one_sided(job->bvh, job->mesh, &job->candidates[3 * i], job->radius) >
-                         PCI_RIM_ONE_SIDED;
+        job->on_rim[i] = pci_one_sided(job->bvh, job->mesh, &job->candidates[3 * i], job->radius,
+                                       &job->inwards[3 * i]) > PCI_RIM_ONE_SIDED;
     }
 }
 
-pc_status pci_rim_points(pci_scratch *scratch, const char *stage, const pci_bvh *bvh,
-                         const pc_mesh *mesh, double radius, double spacing, size_t *count,
-                         double **points) {
+pc_status pci_find_rims(pci_scratch *scratch, const char *stage, const pci_bvh *bvh,
+                        const pc_mesh *mesh, double radius, double spacing, pci_rims *rims) {
     pci_topology topology;
     void *candidates = NULL;
     size_t candidate_count = 0, capacity = 0;
@@ -308,22 +312,26 @@ pc_status pci_rim_points(pci_scratch *scratch, const char *stage, const pci_bvh 
             return pci_fail_memory(scratch->context, stage);
         }
     }
+    double *points = candidates, *inwards = PCI_SCRATCH(scratch, double, 3 * candidate_count);
     uint8_t *on_rim = PCI_SCRATCH(scratch, uint8_t, candidate_count);
-    if (on_rim == NULL) {
+    if (scratch->failed) {
         return pci_fail_memory(scratch->context, stage);
     }
-    rim_job job = {bvh, mesh, radius, candidates, on_rim};
+    rim_job job = {bvh, mesh, radius, points, inwards, on_rim};
     if (!pci_parallel_while_wanted(scratch->context, candidate_count, edge_grain, test_candidates,
                                    &job)) {
         return pci_fail_memory(scratch->context, stage);
     }
-    *points = candidates;
-    *count = 0;
+    size_t count = 0;
     for (size_t i = 0; i < candidate_count; ++i) {
         if (on_rim[i]) {
-            memmove(&(*points)[3 * *count], &(*points)[3 * i], 3 * sizeof(double));
-            ++*count;
+            memmove(&points[3 * count], &points[3 * i], 3 * sizeof(double));
+            memmove(&inwards[3 * count], &inwards[3 * i], 3 * sizeof(double));
+            ++count;
         }
     }
-    return PC_OK;
+    rims->inwards = inwards;
+    return pci_knn_build(scratch, count, points, &rims->points)
+               ? PC_OK
+               : pci_fail_memory(scratch->context, stage);
 }

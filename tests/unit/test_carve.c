@@ -362,6 +362,37 @@ static void keeps_webs(void **state) {
     pc_context_destroy(context);
 }
 
+// Webs join the outline of a leaf to the cloth below it: its rim is all around them, but the leaf
+// is amid them, so that they close no opening.
+static void keeps_webs_around_leaves(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    const double height = 2.2, at[3] = {8.0, 8.0, height};
+    pc_mesh cloth = test_sheet(context, 20, 20, 20.0, 20.0), layer = {0};
+    pc_mesh leaf = test_sheet(context, 4, 4, 4.0, 4.0);
+    pc_mesh visual = test_union(context, &cloth, &leaf, at);
+    pc_mesh skin = test_sheet(context, 40, 40, 20.0, 20.0);
+    for (size_t v = 0; v < skin.vertex_count; ++v) {
+        double *p = &skin.positions[3 * v];
+        const double beside = fmax(fabs(p[0] - 10.0), fabs(p[1] - 10.0)) - 2.0;
+        p[2] = height * fmax(0.0, fmin(1.0, 1.0 - beside));
+    }
+    pc_labels labels = make_labels(context, skin.vertex_count, 1);
+    pc_carve_report report = {0};
+    pc_carve_options options = labels_only();
+    assert_ok(context, pc_carve(context, &visual, &skin, &labels, 1.0, &options, &layer, &report));
+    check_layer(context, &layer, &report);
+    assert_int_equal(report.carved_regions, 0);
+    assert_int_equal(layer.triangle_count, skin.triangle_count);
+    pc_mesh_free(context, &layer);
+    pc_labels_free(context, &labels);
+    pc_mesh_free(context, &skin);
+    pc_mesh_free(context, &visual);
+    pc_mesh_free(context, &leaf);
+    pc_mesh_free(context, &cloth);
+    pc_context_destroy(context);
+}
+
 // Triangles squeezed into a line along the outline: refining them must come to an end.
 static void refines_triangles_without_area(void **state) {
     (void)state;
@@ -616,6 +647,7 @@ int main(void) {
         cmocka_unit_test(carves_the_gap_between_sheets),
         cmocka_unit_test(opens_narrow_tubes),
         cmocka_unit_test(keeps_webs),
+        cmocka_unit_test(keeps_webs_around_leaves),
         cmocka_unit_test(refines_triangles_without_area),
         cmocka_unit_test(takes_clean_sheets_as_they_are),
         cmocka_unit_test(takes_cloth_without_hems_for_bridges),

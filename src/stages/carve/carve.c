@@ -184,21 +184,7 @@ static pc_status extract(const carve_job *job, const pci_bvh *visual, const pci_
                : pci_fail_memory(context, stage);
 }
 
-static pc_status find_rims(const carve_job *job, const pci_bvh *visual, pci_knn *rims) {
-    pci_scratch *scratch = job->scratch;
-    size_t count = 0;
-    double *points = NULL;
-    const pc_status status =
-        pci_rim_points(scratch, stage, visual, job->cloth, rim_radius * job->cell_size,
-                       rim_spacing * job->cell_size, &count, &points);
-    if (status != PC_OK) {
-        return status;
-    }
-    return pci_knn_build(scratch, count, points, rims) ? PC_OK
-                                                       : pci_fail_memory(scratch->context, stage);
-}
-
-static pc_status cut(const carve_job *job, const pci_bvh *visual, const pci_knn *rims,
+static pc_status cut(const carve_job *job, const pci_bvh *visual, const pci_rims *rims,
                      pc_mesh *layer, pc_carve_report *report) {
     pci_scratch *scratch = job->scratch;
     const pc_carve_options *options = job->options;
@@ -269,11 +255,13 @@ static pc_status mend_bridges(const carve_job *job, const pci_bvh *visual, uint8
 static pc_status labelled_layer(const carve_job *job, const pci_bvh *visual, pc_mesh *layer,
                                 pc_carve_report *report) {
     pci_scratch *scratch = job->scratch;
-    pci_knn rims = {0};
+    pci_rims rims = {0};
     report->source = PC_LAYER_LABELS;
-    pc_status status = find_rims(job, visual, &rims);
+    pc_status status =
+        pci_find_rims(scratch, stage, visual, job->cloth, rim_radius * job->cell_size,
+                      rim_spacing * job->cell_size, &rims);
     if (status == PC_OK) {
-        status = extract(job, visual, &rims, layer, report);
+        status = extract(job, visual, &rims.points, layer, report);
     }
     if (status == PC_OK) {
         bool peeled = false;

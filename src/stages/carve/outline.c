@@ -15,6 +15,8 @@ static const double sag = 1.0;
 // A membrane is framed by rims in so many of the sectors around its centre; a web between a sleeve
 // and the body may have the cuff on one side.
 enum { sectors = 12 };
+// Cosine between the way from a rim into the cloth and that to the middle of a membrane, at most.
+static const double most_towards = 0.5;
 // A web from the hem of one layer to the layer beneath is framed by rims, too, but has cloth behind
 // it, for most of its area within so many voxels; an opening has not.
 static const double behind = 1.5;
@@ -158,6 +160,15 @@ static void mark_sector(region *r, const double point[3]) {
     r->sectors |= UINT32_C(1) << ((uint32_t)(turn * sectors) % sectors);
 }
 
+// Whether the surface at a rim does not lie towards the middle of the region: of an opening it lies
+// around, of a flap that webs join to what is beneath it lies amid them.
+static bool is_around(const region *r, const pci_rims *rims, uint32_t rim) {
+    double towards[3];
+    pci_sub(r->centre, &rims->points.points[3 * (size_t)rim], towards);
+    return !pci_normalize(towards) ||
+           pci_dot(towards, &rims->inwards[3 * (size_t)rim]) < most_towards;
+}
+
 // The vertices on the border of the layer.
 static bool find_border(const pci_halfedge *mesh, pci_knn *border) {
     double *points = PCI_SCRATCH(mesh->scratch, double, 3 * mesh->vertex_count);
@@ -208,11 +219,11 @@ static void look_around(void *user, size_t begin, size_t end, uint32_t worker) {
 
 // A region ends at the rim of an opening where a rim is near, or where the layer ends already.
 // False: out of memory, or cancelled.
-static bool measure_frame(const pci_isoline *o, const pci_knn *rims, double slack,
+static bool measure_frame(const pci_isoline *o, const pci_rims *rims, double slack,
                           const uint32_t *of, region *regions) {
     const pci_halfedge *mesh = &o->mesh;
     pci_knn border;
-    framing f = {o, rims, &border, slack, NULL};
+    framing f = {o, &rims->points, &border, slack, NULL};
     size_t count = 0, capacity = 0;
     for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
         const uint32_t own = of[h / 3], twin = mesh->twins[h];
@@ -238,8 +249,8 @@ static bool measure_frame(const pci_isoline *o, const pci_knn *rims, double slac
             r->bordering = true;
         }
         r->fringe = r->fringe || p->fringe;
-        if (p->rim != PC_INVALID_INDEX) {
-            mark_sector(r, &rims->points[3 * (size_t)p->rim]);
+        if (p->rim != PC_INVALID_INDEX && is_around(r, rims, p->rim)) {
+            mark_sector(r, &rims->points.points[3 * (size_t)p->rim]);
         }
     }
     return true;
@@ -378,7 +389,7 @@ static double area_held(const patches *p, const uint8_t *keep, uint32_t middle) 
 // What a pass works with.
 typedef struct cutting {
     const pci_bvh *visual;
-    const pci_knn *rims;
+    const pci_rims *rims;
     pci_outline_mode mode;
     double threshold, cell_size;
     const demands *least;
@@ -519,7 +530,7 @@ static bool list_removed(pci_scratch *scratch, const pci_isoline *o, const cutti
 }
 
 pc_status pci_cut_outline(pci_scratch *scratch, const char *stage, const pci_bvh *visual,
-                          const pci_knn *rims, pci_outline_mode mode, double threshold,
+                          const pci_rims *rims, pci_outline_mode mode, double threshold,
                           double cell_size, pc_mesh *layer, uint64_t *removed_regions,
                           uint64_t *removed_triangles) {
     pc_context *context = scratch->context;
@@ -533,7 +544,7 @@ pc_status pci_cut_outline(pci_scratch *scratch, const char *stage, const pci_bvh
     // The first pass finds candidates, the second refines near them, decides and cuts.
     pci_scratch first = pci_scratch_begin(context);
     pci_knn candidates, closer;
-    const bool found = find_regions(&c, mode == PCI_OUTLINE_MEMBRANES ? rims : NULL, NULL,
+    const bool found = find_regions(&c, mode == PCI_OUTLINE_MEMBRANES ? &rims->points : NULL, NULL,
                                     widest * cell_size, &first, layer, &o) &&
                        list_removed(scratch, &o, &c, false, &candidates) &&
                        list_removed(scratch, &o, &c, true, &closer);

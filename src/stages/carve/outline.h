@@ -3,7 +3,7 @@
 #define PCI_OUTLINE_H
 
 #include "geometry/bvh.h"
-#include "geometry/knn.h"
+#include "geometry/rim.h"
 
 typedef enum pci_outline_mode {
     // Only membranes: regions that hang on the rims of the visual mesh, as over a cuff or a
@@ -12,12 +12,12 @@ typedef enum pci_outline_mode {
     PCI_OUTLINE_ALL // also what bridges two surfaces (section 5.1)
 } pci_outline_mode;
 
-// `rims` are points on the rims of the visual mesh (geometry/rim.h). Removes the regions of `layer`
-// farther than `threshold` beside the visual mesh; `removed_regions` and `removed_triangles` are
-// added to. The layer must be manifold and stays so; it may end without triangles. PC_OK;
-// PC_ERROR_OUT_OF_MEMORY; PC_ERROR_CANCELLED.
+// `rims` are those of the visual mesh. Removes the regions of `layer` farther than `threshold`
+// beside the visual mesh; `removed_regions` and `removed_triangles` are added to. The layer must be
+// manifold and stays so; it may end without triangles. PC_OK; PC_ERROR_OUT_OF_MEMORY;
+// PC_ERROR_CANCELLED.
 PC_NODISCARD pc_status pci_cut_outline(pci_scratch *scratch, const char *stage,
-                                       const pci_bvh *visual, const pci_knn *rims,
+                                       const pci_bvh *visual, const pci_rims *rims,
                                        pci_outline_mode mode, double threshold, double cell_size,
                                        pc_mesh *layer, uint64_t *removed_regions,
                                        uint64_t *removed_triangles);

@@ -7,8 +7,11 @@ typedef struct clustering {
     const pci_halfedge *mesh;
     const pci_fans *fans;
     const double *weights, *scales;
-    size_t count; // clusters that are sought; those from here on are given
-    size_t all;   // clusters
+    size_t count;            // clusters that are sought; those from here on are given
+    size_t all;              // clusters
+    const uint32_t *anchors; // vertices that get clusters of their own
+    size_t anchor_count;
+    uint8_t *anchored; // #V, whether it has got one, and stays there
     uint32_t *cluster;
     uint32_t *edges; // #edges by 2
     size_t edge_count;
@@ -56,7 +59,7 @@ static bool plant(seeding *s, uint32_t vertex) {
             const uint32_t end = fans->ends[k];
             const double distance =
                 entry.key + 0.5 * (c->scales[v] + c->scales[end]) * fans->lengths[k];
-            if (distance < s->distances[end] && distance < s->reach) {
+            if (distance < s->distances[end] && distance < s->reach && !c->anchored[end]) {
                 s->distances[end] = distance;
                 c->cluster[end] = seed;
                 if (!pci_heap_push(c->scratch, &s->front, distance, end)) {
@@ -68,8 +71,9 @@ static bool plant(seeding *s, uint32_t vertex) {
     return true;
 }
 
-// Plants seeds in the order of the vertices, none within reach of an earlier one, until all
-// vertices are within reach of one; no more than `limit`. False: out of memory or cancelled.
+// Plants seeds in the order of the vertices, none within reach of an earlier
+// one, until all vertices are within reach of one; no more than `limit`. False: out of memory or
+// cancelled.
 static bool pack_seeds(seeding *s, uint32_t first, size_t limit) {
     const size_t nv = s->clusters->mesh->vertex_count;
     s->count = 0;
@@ -85,9 +89,9 @@ static bool pack_seeds(seeding *s, uint32_t first, size_t limit) {
     return true;
 }
 
-// Plants each new seed at the vertex farthest from all earlier ones, up to the number of clusters.
-// Parts that no seed reaches are infinitely far and come first.
-static bool fill_seeds(seeding *s) {
+// Plants each new seed at the vertex farthest from all earlier ones, up to `limit`. Parts that no
+// seed reaches are infinitely far and come first.
+static bool fill_seeds(seeding *s, size_t limit) {
     clustering *c = s->clusters;
     pci_heap farthest = {0};
     for (size_t v = 0; v < c->mesh->vertex_count; ++v) {
@@ -98,13 +102,31 @@ static bool fill_seeds(seeding *s) {
     }
     s->reach = INFINITY;
     pci_heap_entry entry;
-    while (s->count < c->count && pci_heap_pop(&farthest, &entry)) {
+    while (s->count < limit && pci_heap_pop(&farthest, &entry)) {
         const bool nearer_since = -entry.key > s->distances[entry.item];
         if (nearer_since
                 ? !pci_heap_push(c->scratch, &farthest, -s->distances[entry.item], entry.item)
                 : !plant(s, entry.item)) {
             return false;
         }
+    }
+    return true;
+}
+
+// Anchors stay in the clusters that they are in; where two are in one, the second is a seed.
+static bool bind_anchors(seeding *s) {
+    clustering *c = s->clusters;
+    uint8_t *taken = PCI_SCRATCH(c->scratch, uint8_t, c->count);
+    if (taken == NULL) {
+        return false;
+    }
+    for (size_t i = 0; i < c->anchor_count; ++i) {
+        const uint32_t v = c->anchors[i];
+        if ((s->distances[v] == HUGE_VAL || taken[c->cluster[v]]) && !plant(s, v)) {
+            return false;
+        }
+        taken[c->cluster[v]] = 1;
+        c->anchored[v] = 1;
     }
     return true;
 }
@@ -131,7 +153,9 @@ static bool place_seeds(clustering *c, uint32_t first) {
         }
         s.reach *= 2.0;
     } while (s.count == limit && s.count > 1);
-    return fill_seeds(&s);
+    // The anchors do not change how many clusters a part of the mesh gets.
+    return fill_seeds(&s, c->count - c->anchor_count) && bind_anchors(&s) &&
+           fill_seeds(&s, c->count);
 }
 
 // ---- exchanges ----------------------------------------------------------------------------------
@@ -153,7 +177,7 @@ static void sum_clusters(clustering *c) {
 // Change of the energy when vertex v leaves cluster `from` for cluster `to`.
 static double exchange_cost(const clustering *c, size_t v, size_t from, size_t to) {
     const double w = c->weights[v], mass_from = c->masses[from], mass_to = c->masses[to];
-    if (c->sizes[from] == 1 || !(mass_from > w)) {
+    if (c->anchored[v] || c->sizes[from] == 1 || !(mass_from > w)) {
         return INFINITY;
     }
     double left = 0.0, joined = 0.0; // squared distances to both centroids
@@ -203,8 +227,8 @@ static size_t sweep(clustering *c, uint32_t pass) {
     return exchanges;
 }
 
-// Keeps the heaviest piece of every cluster; the other pieces go to neighbours, ring by ring.
-// Returns the number of vertices that moved.
+// Keeps the heaviest piece of every cluster, or that with its anchor; the other pieces go to
+// neighbours, ring by ring. Returns the number of vertices that moved.
 static size_t attach_orphans(clustering *c) {
     const pci_fans *fans = c->fans;
     const size_t nv = c->mesh->vertex_count;
@@ -224,7 +248,7 @@ static size_t attach_orphans(clustering *c) {
         piece[start] = pieces;
         for (size_t next = 0; next < count; ++next) {
             const uint32_t v = queue[next];
-            piece_masses[pieces] += c->weights[v];
+            piece_masses[pieces] += c->anchored[v] ? HUGE_VAL : c->weights[v];
             for (size_t k = fans->offsets[v]; k < fans->offsets[v + 1]; ++k) {
                 const uint32_t end = fans->ends[k];
                 if (piece[end] == PC_INVALID_INDEX && c->cluster[end] == own) {
@@ -284,6 +308,7 @@ static bool run(clustering *c, uint32_t first, uint32_t passes, uint64_t *iterat
     c->piece_masses = PCI_SCRATCH(c->scratch, double, c->mesh->vertex_count);
     c->queue = PCI_SCRATCH(c->scratch, uint32_t, c->mesh->vertex_count);
     c->heaviest = PCI_SCRATCH(c->scratch, uint32_t, c->all);
+    c->anchored = PCI_SCRATCH(c->scratch, uint8_t, c->mesh->vertex_count);
     if (c->scratch->failed || !list_edges(c) || !place_seeds(c, first)) {
         return false;
     }
@@ -312,8 +337,9 @@ static bool run(clustering *c, uint32_t first, uint32_t passes, uint64_t *iterat
 
 bool pci_cluster_vertices(pc_context *context, const pci_halfedge *mesh, const pci_fans *fans,
                           const double *weights, const double *scales, size_t cluster_count,
-                          const uint32_t *fixed, size_t fixed_count, uint32_t first,
-                          uint32_t passes, uint32_t *cluster, uint64_t *iterations) {
+                          const uint32_t *fixed, size_t fixed_count, const uint32_t *anchors,
+                          size_t anchor_count, uint32_t first, uint32_t passes, uint32_t *cluster,
+                          uint64_t *iterations) {
     pci_scratch scratch = pci_scratch_begin(context);
     clustering c = {.scratch = &scratch,
                     .mesh = mesh,
@@ -322,6 +348,8 @@ bool pci_cluster_vertices(pc_context *context, const pci_halfedge *mesh, const p
                     .scales = scales,
                     .count = cluster_count,
                     .all = cluster_count + fixed_count,
+                    .anchors = anchors,
+                    .anchor_count = anchor_count,
                     .cluster = cluster};
     for (size_t v = 0; v < mesh->vertex_count; ++v) {
         const bool given = fixed != NULL && fixed[v] != PC_INVALID_INDEX;

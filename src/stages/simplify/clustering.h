@@ -12,7 +12,9 @@
 // @param weights     #V, positive
 // @param scales      #V, lengths count that many times for the seeds; uniform: 1
 // @param fixed       #V, vertices with other values than PC_INVALID_INDEX belong to cluster
-//                    cluster_count + fixed[v] and stay there; below fixed_count
+//                    cluster_count + fixed[v] and stay there; below fixed_count. NULL: none
+// @param anchors     vertices, not fixed ones, no two of which share a cluster; at most half as
+//                    many as clusters
 // @param first       vertex of the first seed
 // @param cluster     #V, receives values below cluster_count + fixed_count
 // @param iterations  receives the passes done
@@ -20,7 +22,8 @@
 // False: out of memory or cancelled.
 bool pci_cluster_vertices(pc_context *context, const pci_halfedge *mesh, const pci_fans *fans,
                           const double *weights, const double *scales, size_t cluster_count,
-                          const uint32_t *fixed, size_t fixed_count, uint32_t first,
-                          uint32_t passes, uint32_t *cluster, uint64_t *iterations);
+                          const uint32_t *fixed, size_t fixed_count, const uint32_t *anchors,
+                          size_t anchor_count, uint32_t first, uint32_t passes, uint32_t *cluster,
+                          uint64_t *iterations);
 
 #endif

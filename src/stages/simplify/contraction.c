@@ -73,13 +73,12 @@ static double merge_cost(const pci_contraction *m, uint32_t h) {
            m->spacing * join_cost(m->arc[a], &m->curve[3 * a], m->arc[b], &m->curve[3 * b]);
 }
 
-static bool is_bound(const pci_contraction *m, uint32_t h, const uint32_t *bound) {
-    return bound != NULL && (bound[pci_origin(&m->coarse, h)] != PC_INVALID_INDEX ||
-                             bound[pci_target(&m->coarse, h)] != PC_INVALID_INDEX);
+static bool is_bound(const pci_contraction *m, uint32_t h, const uint8_t *bound) {
+    return bound != NULL && (bound[pci_origin(&m->coarse, h)] || bound[pci_target(&m->coarse, h)]);
 }
 
 // Merges until `vertices` are left; edges with a bound end stay. False: out of memory.
-static bool contract_free(pci_contraction *m, size_t vertices, const uint32_t *bound) {
+static bool contract_free(pci_contraction *m, size_t vertices, const uint8_t *bound) {
     size_t merged = 1;
     while (m->coarse.live_vertices > vertices && merged > 0) {
         merged = 0;
@@ -119,8 +118,8 @@ static bool contract_free(pci_contraction *m, size_t vertices, const uint32_t *b
     return true;
 }
 
-bool pci_contract_to(pci_contraction *m, size_t vertices, const uint32_t *bound) {
-    return (bound == NULL || contract_free(m, vertices, bound)) && contract_free(m, vertices, NULL);
+bool pci_contract_to(pci_contraction *m, size_t vertices, const uint8_t *bound) {
+    return contract_free(m, vertices, bound) && contract_free(m, vertices, NULL);
 }
 
 // Positions from the sums, and the merged fine vertex next to each of them, on the border if it

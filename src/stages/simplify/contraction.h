@@ -30,9 +30,8 @@ void pci_contract_clusters(pci_contraction *contraction, const uint32_t *cluster
 
 // Merges the vertices whose union costs the least clustering energy until `vertices` are left or
 // nothing more can collapse. False: out of memory or cancelled.
-// @param bound  per fine vertex, other values than PC_INVALID_INDEX: is only merged when nothing
-//               else can be; NULL: none
-bool pci_contract_to(pci_contraction *contraction, size_t vertices, const uint32_t *bound);
+// @param bound  per fine vertex, whether it is only merged when nothing else can be
+bool pci_contract_to(pci_contraction *contraction, size_t vertices, const uint8_t *bound);
 
 // The coarse mesh on its own. Positions: the centroid of what was merged; on the border that of the
 // border's part, so that hems do not shrink.

@@ -1,7 +1,8 @@
 #include "stages/simplify/corners.h"
 
+#include <stdlib.h>
+
 static const double pi = 3.14159265358979323846;
-static const double sharp = 60.0;
 
 // A border loop as a closed polyline.
 typedef struct loop {
@@ -30,62 +31,82 @@ static void point_along(const loop *l, size_t from, double distance, double poin
     }
 }
 
-// Angle in degrees by which the loop turns at vertex i.
-static double turning(const loop *l, size_t i, double reach) {
-    double before[3], after[3];
+// How far vertex i is ahead of the middle between the points `reach` before and behind it, over
+// that reach: 0 on a straight line, the sine of half the angle at a corner, 1 at the tip of a slit.
+static double sharpness(const loop *l, size_t i, double reach) {
+    double before[3], after[3], ahead[3];
     const double *at = &l->positions[3 * (size_t)l->vertices[i]];
     point_along(l, i, -reach, before);
     point_along(l, i, reach, after);
-    pci_sub(at, before, before);
-    pci_sub(after, at, after);
-    if (!pci_normalize(before) || !pci_normalize(after)) {
-        return 0.0;
+    for (size_t k = 0; k < 3; ++k) {
+        ahead[k] = at[k] - 0.5 * (before[k] + after[k]);
     }
-    return acos(fmin(fmax(pci_dot(before, after), -1.0), 1.0)) * 180.0 / pi;
+    return pci_norm(ahead) / reach;
 }
 
-static void mark_loop(const loop *l, double reach, double *angles, uint8_t *corners) {
+typedef struct corner {
+    double sharpness;
+    uint32_t vertex;
+} corner;
+
+static int compare_corners(const void *a, const void *b) { // sharpest first
+    const corner *x = a, *y = b;
+    if (x->sharpness != y->sharpness) {
+        return x->sharpness > y->sharpness ? -1 : 1;
+    }
+    return (x->vertex > y->vertex) - (x->vertex < y->vertex);
+}
+
+// Adds the corners of a loop to those found; returns how many there are then.
+static size_t find_in_loop(const loop *l, double reach, double *values, corner *found,
+                           size_t count) {
     const double total = l->lengths[l->count];
     if (!(total > 6.0 * reach)) {
-        return; // nothing but corners
+        return count; // nothing but corners
     }
-    const double least = sharp + 360.0 * reach / total;
+    const double least = sin(pi * (1.0 / 6.0 + reach / total)); // half the angle
     for (size_t i = 0; i < l->count; ++i) {
-        angles[i] = turning(l, i, reach);
+        values[i] = sharpness(l, i, reach);
     }
     for (size_t i = 0; i < l->count; ++i) {
-        bool corner = angles[i] > least;
-        for (size_t step = 1; corner && step < l->count; ++step) {
+        bool sharpest = values[i] > least;
+        for (size_t step = 1; sharpest && step < l->count; ++step) {
             const size_t j = (i + step) % l->count;
             double way = l->lengths[j] - l->lengths[i];
             way += way < 0.0 ? total : 0.0;
             if (way > reach) {
                 break;
             }
-            corner = angles[j] <= angles[i]; // ties go to the earlier one
+            sharpest = values[j] <= values[i]; // ties go to the earlier one
         }
-        for (size_t step = 1; corner && step < l->count; ++step) {
+        for (size_t step = 1; sharpest && step < l->count; ++step) {
             const size_t j = (i + l->count - step) % l->count;
             double way = l->lengths[i] - l->lengths[j];
             way += way < 0.0 ? total : 0.0;
             if (way > reach) {
                 break;
             }
-            corner = angles[j] < angles[i];
+            sharpest = values[j] < values[i];
         }
-        corners[l->vertices[i]] = corner;
+        if (sharpest) {
+            found[count++] = (corner){values[i], l->vertices[i]};
+        }
     }
+    return count;
 }
 
 bool pci_find_corners(pci_scratch *scratch, const pci_halfedge *mesh, double reach,
-                      uint8_t *corners) {
+                      uint32_t **corners, size_t *count) {
     size_t border = 0;
     for (size_t h = 0; h < 3 * mesh->triangle_count; ++h) {
         border += mesh->corners[h] != PC_INVALID_INDEX && mesh->twins[h] == PC_INVALID_INDEX;
     }
     uint32_t *vertices = PCI_SCRATCH(scratch, uint32_t, border);
     double *lengths = PCI_SCRATCH(scratch, double, border + 1);
-    double *angles = PCI_SCRATCH(scratch, double, border);
+    double *values = PCI_SCRATCH(scratch, double, border);
+    corner *found = PCI_SCRATCH(scratch, corner, border);
+    *corners = PCI_SCRATCH(scratch, uint32_t, border);
+    *count = 0;
     uint8_t *visited = PCI_SCRATCH(scratch, uint8_t, mesh->vertex_count);
     if (scratch->failed) {
         return false;
@@ -105,7 +126,11 @@ bool pci_find_corners(pci_scratch *scratch, const pci_halfedge *mesh, double rea
                                                          &mesh->positions[3 * (size_t)next]));
             v = next;
         }
-        mark_loop(&l, reach, angles, corners);
+        *count = find_in_loop(&l, reach, values, found, *count);
+    }
+    qsort(found, *count, sizeof(*found), compare_corners);
+    for (size_t i = 0; i < *count; ++i) {
+        (*corners)[i] = found[i].vertex;
     }
     return true;
 }

@@ -4,10 +4,10 @@
 
 #include "geometry/halfedge.h"
 
-// Marks border vertices where the border turns sharply on the scale of `reach`: seen over that
-// length to both sides, by 60 degrees more than a circle as long as the loop would turn, and by
-// more than anywhere else within reach. False: out of memory.
+// Lists the border vertices, sharpest turn first, where the border turns sharply on the scale of
+// `reach`: seen over that length to both sides, by 60 degrees more than a circle as long as the
+// loop would turn, and by more than anywhere else within reach. False: out of memory.
 bool pci_find_corners(pci_scratch *scratch, const pci_halfedge *mesh, double reach,
-                      uint8_t *corners);
+                      uint32_t **corners, size_t *count);
 
 #endif

@@ -3,12 +3,15 @@
 #include "core/heap.h"
 #include "geometry/locality.h"
 #include "geometry/topology.h"
+#include "stages/simplify/corners.h"
 #include "stages/simplify/pleats.h"
 
 // Fine vertices per cluster: with fewer the centroids are coarse, with more nothing changes.
 static const size_t samples_per_cluster = PCI_EFFORT(16, 4);
 // The longest edge after bisections, in lengths of an even mesh.
 static const double bisection_spread = 1.5;
+// How far corners of the border are seen, in expected edge lengths.
+static const double corner_reach = 0.5;
 
 // ---- refinement -------------------------------------------------------------------------------
 
@@ -197,7 +200,8 @@ bool pci_sampling_begin(pci_scratch *scratch, const pc_mesh *layer, size_t verti
         s->scales[v] = 1.0;
     }
     s->spacing = even_spacing(&s->mesh, NULL, vertices);
-    return true;
+    return pci_find_corners(scratch, &s->mesh, corner_reach * s->spacing, &s->corners,
+                            &s->corner_count);
 }
 
 void pci_sampling_weigh(pci_sampling *s) {

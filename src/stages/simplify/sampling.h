@@ -16,6 +16,8 @@ typedef struct pci_sampling {
     double *weights;   // #V, areas times density
     double total;      // area
     double spacing;    // edge length of uniform clusters
+    uint32_t *corners; // vertices at corners of the border, sharpest first
+    size_t corner_count;
 } pci_sampling;
 
 // Samples for `vertices` clusters of a layer that is manifold (pci_mesh_repair).

@@ -10,7 +10,6 @@
 #include "geometry/topology.h"
 #include "stages/simplify/clustering.h"
 #include "stages/simplify/contraction.h"
-#include "stages/simplify/corners.h"
 #include "stages/simplify/fit.h"
 #include "stages/simplify/improve.h"
 #include "stages/simplify/joint.h"
@@ -84,6 +83,8 @@ const pc_record pc_simplify_report_record = PCI_RECORD(report_fields, pc_simplif
 
 // Passes of sliding and flipping; most meshes rest earlier.
 static const size_t relax_passes = PCI_EFFORT(30, 2);
+// At most one in so many clusters is that of a corner of the border.
+static const size_t anchor_share = 4;
 // Least quality of the triangles at a corner of the border.
 static const double pinned_quality = 0.5;
 // How far vertices may leave the surface for better angles, in expected edge lengths.
@@ -169,63 +170,100 @@ static bool drop_unaffordable(pci_scratch *scratch, pc_mesh *layer, size_t verti
     return true;
 }
 
-static bool cluster(pci_scratch *scratch, pci_sampling *s, const pc_simplify_options *options,
-                    uint64_t attempt, const pci_rings *rings, uint32_t *clusters,
-                    uint64_t *iterations) {
+// What the clusters are: those of the rings, those around corners of the border, and others.
+typedef struct clustering {
+    pci_rings rings;
+    uint32_t *anchors; // vertices
+    size_t anchor_count;
+    uint32_t *cluster; // #V
+} clustering;
+
+static bool cluster(pci_scratch *scratch, const pci_sampling *s, const pc_simplify_options *options,
+                    uint64_t attempt, clustering *c, uint64_t *iterations) {
     const double share = pci_random(options->seed, 0, attempt);
-    const size_t given = rings != NULL ? rings->count : 0;
     return pci_cluster_vertices(scratch->context, &s->mesh, &s->fans, s->weights, s->scales,
-                                options->vertices - given, rings != NULL ? rings->cluster : NULL,
-                                given, (uint32_t)(share * (double)s->mesh.vertex_count),
-                                options->clustering_iterations, clusters, iterations);
+                                options->vertices - c->rings.count, c->rings.cluster,
+                                c->rings.count, c->anchors, c->anchor_count,
+                                (uint32_t)(share * (double)s->mesh.vertex_count),
+                                options->clustering_iterations, c->cluster, iterations);
+}
+
+// The sharpest corners get clusters of their own, else one cluster may hold two of them, as both
+// sides of a slit. Those of rings stay with them.
+static bool choose_anchors(pci_scratch *scratch, const pci_sampling *s, size_t vertices,
+                           clustering *c) {
+    const size_t most = (vertices - c->rings.count) / anchor_share;
+    c->anchors = PCI_SCRATCH(scratch, uint32_t, s->corner_count);
+    if (c->anchors == NULL) {
+        return false;
+    }
+    for (size_t i = 0; i < s->corner_count && c->anchor_count < most; ++i) {
+        if (c->rings.count == 0 || c->rings.cluster[s->corners[i]] == PC_INVALID_INDEX) {
+            c->anchors[c->anchor_count++] = s->corners[i];
+        }
+    }
+    return true;
 }
 
 // Clusters uniformly, then again with smaller clusters where the first ones are too wide or the
-// density map asks for them, and with rings around thin tubes. Later attempts keep the sizes and
-// begin elsewhere.
+// density map asks for them, with rings around thin tubes and anchors at corners. Later attempts
+// keep the sizes and begin elsewhere.
 static bool cluster_samples(pci_scratch *scratch, pci_sampling *s,
-                            const pc_simplify_options *options, uint64_t attempt, pci_rings *rings,
-                            uint32_t *clusters, uint64_t *iterations) {
+                            const pc_simplify_options *options, uint64_t attempt, clustering *c,
+                            uint64_t *iterations) {
     const bool uniform = options->narrow_refinement == 1.0 && s->densities == NULL;
+    *c = (clustering){.cluster = PCI_SCRATCH(scratch, uint32_t, s->mesh.vertex_count)};
+    if (c->cluster == NULL) {
+        return false;
+    }
     if (!uniform && attempt == 0) {
-        if (!cluster(scratch, s, options, attempt, NULL, clusters, iterations) ||
-            !pci_size_clusters(scratch, &s->mesh, s->normals, s->areas, s->arcs, clusters,
+        if (!cluster(scratch, s, options, attempt, c, iterations) ||
+            !pci_size_clusters(scratch, &s->mesh, s->normals, s->areas, s->arcs, c->cluster,
                                options->vertices, s->spacing, options->narrow_refinement,
                                s->scales)) {
             return false;
         }
         pci_sampling_weigh(s);
     }
-    *rings = (pci_rings){0};
     if (options->narrow_refinement > 1.0 &&
-        !pci_find_rings(scratch, s, options->vertices, attempt, rings)) {
+        !pci_find_rings(scratch, s, options->vertices, attempt, &c->rings)) {
         return false;
     }
-    return cluster(scratch, s, options, attempt, rings->count > 0 ? rings : NULL, clusters,
-                   iterations);
+    return choose_anchors(scratch, s, options->vertices, c) &&
+           cluster(scratch, s, options, attempt, c, iterations);
+}
+
+// Marks the vertices in clusters of rings and corners.
+static bool bind_clusters(pci_scratch *scratch, const clustering *c, size_t vertices,
+                          uint32_t clusters, uint8_t **bound) {
+    uint8_t *anchored = PCI_SCRATCH(scratch, uint8_t, clusters);
+    *bound = PCI_SCRATCH(scratch, uint8_t, vertices);
+    if (scratch->failed) {
+        return false;
+    }
+    for (size_t i = 0; i < c->anchor_count; ++i) {
+        anchored[c->cluster[c->anchors[i]]] = 1;
+    }
+    for (size_t v = 0; v < vertices; ++v) {
+        (*bound)[v] = anchored[c->cluster[v]] ||
+                      (c->rings.count > 0 && c->rings.cluster[v] != PC_INVALID_INDEX);
+    }
+    return true;
 }
 
 // Puts the nearest border vertex on each corner of the border, once.
-static bool pin_corners(pci_scratch *scratch, const pci_sampling *s, const uint32_t *nearby,
-                        pci_relaxation *r) {
-    uint8_t *corners = PCI_SCRATCH(scratch, uint8_t, s->mesh.vertex_count);
-    if (corners == NULL || !pci_find_corners(scratch, &s->mesh, 0.5 * s->spacing, corners)) {
-        return false;
-    }
-    for (uint32_t v = 0; v < s->mesh.vertex_count; ++v) {
-        if (!corners[v]) {
-            continue;
-        }
+static void pin_corners(const pci_sampling *s, const uint32_t *nearby, pci_relaxation *r) {
+    for (size_t corner = 0; corner < s->corner_count; ++corner) {
         // The vertex that the corner was merged into, or one of its neighbours on the border.
-        const double *corner = &s->mesh.positions[3 * (size_t)v];
-        const uint32_t own = nearby[v];
+        const double *point = &s->mesh.positions[3 * (size_t)s->corners[corner]];
+        const uint32_t own = nearby[s->corners[corner]];
         const uint32_t candidates[3] = {own, pci_target(r->coarse, r->coarse->outgoing[own]),
                                         pci_origin(r->coarse, pci_border_incoming(r->coarse, own))};
         uint32_t best = PC_INVALID_INDEX;
         double nearest = INFINITY;
         for (size_t i = 0; i < 3; ++i) {
             const double distance =
-                pci_squared_distance(corner, &r->coarse->positions[3 * (size_t)candidates[i]]);
+                pci_squared_distance(point, &r->coarse->positions[3 * (size_t)candidates[i]]);
             if (!r->pinned[candidates[i]] && distance < nearest) {
                 nearest = distance;
                 best = candidates[i];
@@ -233,11 +271,10 @@ static bool pin_corners(pci_scratch *scratch, const pci_sampling *s, const uint3
         }
         if (best != PC_INVALID_INDEX) {
             r->pinned[best] = PCI_PINNED;
-            r->feet[best] = v;
-            memcpy(&r->coarse->positions[3 * (size_t)best], corner, 3 * sizeof(*corner));
+            r->feet[best] = s->corners[corner];
+            memcpy(&r->coarse->positions[3 * (size_t)best], point, 3 * sizeof(*point));
         }
     }
-    return true;
 }
 
 // Evens out the coarse mesh on the fine one, then fits its triangles to it.
@@ -250,10 +287,10 @@ static bool relax_and_fit(pci_scratch *scratch, const pci_sampling *s, const pci
     }
     pci_relaxation relaxation = {&s->mesh, &s->fans, s->normals, s->scales, coarse, feet, pinned};
     pci_relax_place(&relaxation);
-    if (!pci_lace_rings(scratch, rings, nearby, &relaxation) ||
-        !pin_corners(scratch, s, nearby, &relaxation)) {
+    if (!pci_lace_rings(scratch, rings, nearby, &relaxation)) {
         return false;
     }
+    pin_corners(s, nearby, &relaxation);
     for (size_t pass = 0; pass < relax_passes && pci_relax_pass(&relaxation) > 0; ++pass) {
         if (!pci_keep_going(scratch->context)) {
             return false;
@@ -322,26 +359,25 @@ static pc_status begin_sampling(pci_scratch *scratch, const pc_visual *visual, c
 static bool make_proxy(pci_scratch *scratch, pci_sampling *s, const pc_simplify_options *options,
                        uint64_t attempt, pc_mesh *proxy, pci_flaws *flaws,
                        pc_simplify_report *report) {
-    uint32_t *clusters = PCI_SCRATCH(scratch, uint32_t, s->mesh.vertex_count);
     uint32_t *feet = NULL, *nearby = NULL;
+    uint8_t *bound = NULL;
     pci_contraction contraction;
     pci_halfedge coarse;
-    pci_rings rings;
+    clustering c;
     pc_mesh contracted = {0};
-    if (clusters == NULL ||
-        !cluster_samples(scratch, s, options, attempt, &rings, clusters, &report->iterations) ||
+    if (!cluster_samples(scratch, s, options, attempt, &c, &report->iterations) ||
+        !bind_clusters(scratch, &c, s->mesh.vertex_count, options->vertices, &bound) ||
         !pci_progress(scratch->context, stage, 0.6) ||
         !pci_contraction_begin(scratch, &s->mesh, s->weights, s->arcs, s->spacing, &contraction)) {
         return false;
     }
-    pci_contract_clusters(&contraction, clusters);
+    pci_contract_clusters(&contraction, c.cluster);
     report->surplus_vertices = contraction.coarse.live_vertices - options->vertices;
-    const bool built =
-        pci_contract_to(&contraction, options->vertices, rings.count > 0 ? rings.cluster : NULL) &&
-        pci_contraction_result(&contraction, &contracted, &feet, &nearby) &&
-        pci_halfedge_build(scratch, &contracted, &coarse);
+    const bool built = pci_contract_to(&contraction, options->vertices, bound) &&
+                       pci_contraction_result(&contraction, &contracted, &feet, &nearby) &&
+                       pci_halfedge_build(scratch, &contracted, &coarse);
     pc_mesh_free(scratch->context, &contracted);
-    return built && relax_and_fit(scratch, s, &rings, &coarse, feet, nearby, flaws) &&
+    return built && relax_and_fit(scratch, s, &c.rings, &coarse, feet, nearby, flaws) &&
            pci_halfedge_export(&coarse, proxy, NULL);
 }
 

@@ -1,0 +1,126 @@
+// Slits and corners of hems.
+#include "support/test.h"
+
+#include "support/proxy_shape.h"
+#include "support/surfaces.h"
+
+enum { around = 64, rows = 32, slit_rows = 12 };
+static const double radius = 0.3, height = 0.8;
+
+// A skirt around the y axis with its hem at y = 0, slit at x = radius up to `depth`, where the slit
+// is a point; at the hem it is `mouth` wide.
+static pc_mesh slit_skirt(pc_context *context, double depth, double mouth) {
+    pc_mesh tube = test_tube(context, around, rows, radius, height);
+    pc_mesh mesh = {.vertex_count = tube.vertex_count + slit_rows,
+                    .triangle_count = tube.triangle_count,
+                    .triangles = tube.triangles};
+    mesh.positions = PCI_ALLOCATE(context, double, 3 * mesh.vertex_count);
+    assert_non_null(mesh.positions);
+    memcpy(mesh.positions, tube.positions, 3 * tube.vertex_count * sizeof(*tube.positions));
+    for (size_t row = 0; row <= rows; ++row) {
+        const double below = depth * (double)row / slit_rows;
+        const double above =
+            depth + (height - depth) * ((double)row - slit_rows) / (rows - slit_rows);
+        for (size_t i = 0; i < around; ++i) {
+            mesh.positions[3 * (around * row + i) + 1] = row < slit_rows ? below : above;
+        }
+    }
+    for (size_t row = 0; row < slit_rows; ++row) { // one side of the slit, then the other
+        double *one = &mesh.positions[3 * around * row];
+        double *other = &mesh.positions[3 * (tube.vertex_count + row)];
+        memcpy(other, one, 3 * sizeof(*one));
+        one[2] -= 0.5 * mouth * (1.0 - one[1] / depth);
+        other[2] += 0.5 * mouth * (1.0 - one[1] / depth);
+    }
+    for (size_t i = 0; i < 3 * mesh.triangle_count; ++i) { // those of the last column
+        const uint32_t v = mesh.triangles[i];
+        if (i / 6 % around == around - 1 && v % around == 0 && v < around * slit_rows) {
+            mesh.triangles[i] = (uint32_t)tube.vertex_count + v / around;
+        }
+    }
+    tube.triangles = NULL;
+    pc_mesh_free(context, &tube);
+    return mesh;
+}
+
+static double edge_length(uint32_t vertices) {
+    return sqrt(2.0 / sqrt(3.0) * 2.0 * acos(-1.0) * radius * height / vertices);
+}
+
+static pc_mesh proxy_of(pc_context *context, pc_mesh *mesh, uint32_t vertices) {
+    pc_simplify_options options;
+    pc_record_set_defaults(&pc_simplify_options_record, &options);
+    options.vertices = vertices;
+    pc_mesh proxy = {0};
+    assert_ok(context, pc_simplify(context, NULL, mesh, &options, &proxy, NULL));
+    pc_mesh_free(context, mesh);
+    const shape found = check_manifold(context, &proxy);
+    assert_int_equal(proxy.vertex_count, vertices);
+    assert_int_equal(found.components, 1);
+    assert_true(found.angle_mean > 46.0 && found.angle_worst > 20.0);
+    return proxy;
+}
+
+static uint32_t nearest_vertex(const pc_mesh *mesh, const double point[3], double *distance) {
+    uint32_t best = 0;
+    for (uint32_t v = 0; v < mesh->vertex_count; ++v) {
+        if (pci_squared_distance(&mesh->positions[3 * (size_t)v], point) <
+            pci_squared_distance(&mesh->positions[3 * (size_t)best], point)) {
+            best = v;
+        }
+    }
+    *distance = sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)best], point));
+    return best;
+}
+
+// A slit keeps its tip and both corners at the hem, however close together those are.
+static void slits_keep_their_corners(void **state) {
+    (void)state;
+    static const uint32_t counts[] = {64, 128, 512};
+    static const double depths[] = {0.7, 1.0, 2.2}, mouths[] = {0.02, 0.2}; // in edges
+    pc_context *context = test_context(1);
+    for (size_t i = 0; i < 18; ++i) {
+        const double edge = edge_length(counts[i % 3]);
+        const double depth = depths[i / 3 % 3] * edge, mouth = mouths[i / 9] * edge;
+        const double corners[3][3] = {
+            {radius, 0.0, -0.5 * mouth}, {radius, 0.0, 0.5 * mouth}, {radius, depth, 0.0}};
+        pc_mesh skirt = slit_skirt(context, depth, mouth);
+        pc_mesh proxy = proxy_of(context, &skirt, counts[i % 3]);
+        uint32_t found[3];
+        for (size_t c = 0; c < 3; ++c) {
+            double distance = 0.0;
+            found[c] = nearest_vertex(&proxy, corners[c], &distance);
+            assert_true(distance < 0.02 * edge);
+        }
+        assert_int_not_equal(found[0], found[1]);
+        pc_mesh_free(context, &proxy);
+    }
+    pc_context_destroy(context);
+}
+
+// So does a cloth, at as few vertices as it takes.
+static void cloths_keep_their_corners(void **state) {
+    (void)state;
+    static const uint32_t counts[] = {20, 64, 300};
+    pc_context *context = test_context(1);
+    for (size_t i = 0; i < 3; ++i) {
+        pc_mesh sheet = test_sheet(context, 30, 40, 0.6, 0.8);
+        pc_mesh proxy = proxy_of(context, &sheet, counts[i]);
+        for (int c = 0; c < 4; ++c) {
+            const double corner[3] = {c % 2 * 0.6, c / 2 * 0.8, 0.0};
+            double distance = 0.0;
+            nearest_vertex(&proxy, corner, &distance);
+            assert_true(distance < 1e-3);
+        }
+        pc_mesh_free(context, &proxy);
+    }
+    pc_context_destroy(context);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(slits_keep_their_corners),
+        cmocka_unit_test(cloths_keep_their_corners),
+    };
+    return cmocka_run_group_tests_name("slits", tests, NULL, NULL);
+}

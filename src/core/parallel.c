@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include "core/context.h"
+#include "core/embree.h"
 
 enum { LOOKS = 4000 }; // before a thread that waits leaves its core to others, some 50 us
 
@@ -204,4 +205,75 @@ void pci_parallel_wait(pc_context *context, const atomic_uint *count, uint32_t l
 bool pci_parallel_while_wanted(pc_context *context, size_t count, size_t grain,
                                pci_parallel_body body, void *user) {
     return run_loop(context, count, grain, body, user, context);
+}
+
+// ---- tasks --------------------------------------------------------------------------------------
+
+typedef struct task_job {
+    pc_context *context;
+    pc_context own; // how the contexts of the tasks begin
+    pci_task task;
+    void *user;
+    atomic_bool cancelled;
+    pthread_mutex_t mutex; // of what follows
+    atomic_size_t failed;  // first task that failed, or their number
+    pc_error error;        // of that one
+} task_job;
+
+typedef struct asker {
+    task_job *job;
+    bool may_ask; // on the thread that entered the library
+} asker;
+
+static bool report_task(void *user, const char *stage, double fraction) {
+    const asker *a = user;
+    if (a->may_ask && !pci_progress(a->job->context, stage, fraction)) {
+        atomic_store(&a->job->cancelled, true);
+    }
+    return !atomic_load(&a->job->cancelled);
+}
+
+static void run_task(void *user, size_t begin, size_t end, uint32_t worker) {
+    task_job *job = user;
+    (void)end; // one at a time
+    asker asks = {job, worker == 0};
+    pci_pool alone = {.thread_count = 1};
+    pc_context own = job->own;
+    own.pool = &alone;
+    own.options.user = &asks;
+    if (begin < atomic_load(&job->failed) && job->task(job->user, begin, &own) != PC_OK) {
+        pthread_mutex_lock(&job->mutex);
+        if (begin < atomic_load(&job->failed)) {
+            atomic_store(&job->failed, begin);
+            job->error = own.error;
+        }
+        pthread_mutex_unlock(&job->mutex);
+    }
+    pci_embree_release(own.embree);
+}
+
+pc_status pci_run_tasks(pc_context *context, size_t count, pci_task task, void *user) {
+    const uint32_t threads = pc_context_threads(context);
+    pc_status status = PC_OK;
+    if (threads == 1 || threads > 2 * count || count == 1) {
+        for (size_t i = 0; i < count && status == PC_OK; ++i) {
+            status = task(user, i, context);
+        }
+        return status;
+    }
+    task_job job = {.context = context, .task = task, .user = user, .failed = count};
+    job.own = (pc_context){.options.allocator = context->options.allocator,
+                           .stage = context->stage,
+                           .fraction = context->fraction,
+                           .reported = context->reported};
+    job.own.options.progress = context->options.progress != NULL ? report_task : NULL;
+    pthread_mutex_init(&job.mutex, NULL);
+    pci_parallel_for(context, count, 1, run_task, &job);
+    pthread_mutex_destroy(&job.mutex);
+    if (job.failed < count) {
+        context->cancelled = false;
+        context->error = job.error;
+        status = job.error.status;
+    }
+    return status;
 }

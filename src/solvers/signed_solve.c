@@ -168,7 +168,63 @@ static int compare_components(const void *left, const void *right) {
     return (l->component > r->component) - (l->component < r->component);
 }
 
-// Solves the components, small ones first, and completes the labels.
+typedef struct component_result {
+    int64_t gap;   // between the cost of its labels and its bound
+    uint64_t used; // of the budget
+} component_result;
+
+typedef struct component_job {
+    const solver *solver;
+    const pci_signed_graph *graph;
+    const pci_roof *roof;
+    const pci_signed_rows *rows;
+    size_t count;
+    const ranked_component *order;
+    const size_t *offsets;
+    const uint32_t *vertices; // by component, from its offset on
+    uint32_t *local;          // #vertices
+    size_t open;              // vertices of all components
+    component_result *results;
+    uint8_t *labels;
+} component_job;
+
+// Each component may use what part of the budget its vertices are of all that are open. The last,
+// and largest, one comes first.
+static pc_status solve_nth(void *user, size_t index, pc_context *own) {
+    const component_job *job = user;
+    const size_t k = job->count - 1 - index, count = job->order[k].size;
+    const uint32_t *members = &job->vertices[job->offsets[job->order[k].component]];
+    const pci_budget *all = &job->solver->budget;
+    const uint64_t share = (uint64_t)((double)all->left * ((double)count / (double)job->open));
+    solver s = {.context = own,
+                .stage = job->solver->stage,
+                .budget = {all->total - all->left + share, share, all->deadline}};
+    pc_status status = pci_progress(own, s.stage, pci_budget_used(&s.budget))
+                           ? PC_OK
+                           : pci_fail_cancelled(own, s.stage);
+    if (status != PC_OK) {
+        return status;
+    }
+    pci_scratch scratch = pci_scratch_begin(own);
+    pci_signed_graph part;
+    uint8_t *labels = PCI_SCRATCH(&scratch, uint8_t, count + 1);
+    if (scratch.failed || !extract_component(&scratch, job->graph, job->roof, members, count,
+                                             job->rows, job->local, &part)) {
+        status = pci_fail_memory(own, s.stage);
+    } else {
+        int64_t bound = 0;
+        status = solve_component(&s, &part, labels, &bound);
+        for (size_t i = 0; i < count && status == PC_OK; ++i) {
+            job->labels[members[i]] = labels[i + 1];
+        }
+        job->results[k] =
+            (component_result){pci_signed_graph_cost(&part, labels) - bound, share - s.budget.left};
+    }
+    pci_scratch_end(&scratch);
+    return status;
+}
+
+// Solves the components and completes the labels.
 static pc_status solve_components(solver *s, const pci_signed_graph *graph, const pci_roof *roof,
                                   pci_signed_solution *solution) {
     const size_t n = graph->vertex_count, components = roof->component_count;
@@ -183,6 +239,7 @@ static pc_status solve_components(solver *s, const pci_signed_graph *graph, cons
     uint32_t *vertices = PCI_SCRATCH(&scratch, uint32_t, n);
     uint32_t *local = PCI_SCRATCH(&scratch, uint32_t, n);
     ranked_component *order = PCI_SCRATCH(&scratch, ranked_component, components);
+    component_result *results = PCI_SCRATCH(&scratch, component_result, components);
     pci_signed_rows rows;
     if (scratch.failed || !pci_signed_graph_rows(&scratch, graph, &rows)) {
         status = pci_fail_memory(s->context, s->stage);
@@ -207,40 +264,40 @@ static pc_status solve_components(solver *s, const pci_signed_graph *graph, cons
     if (components > 1) {
         qsort(order, components, sizeof(*order), compare_components);
     }
-    int64_t missing = 0;
-    for (size_t k = 0; k < components && status == PC_OK; ++k) {
-        if (!pci_progress(s->context, s->stage, pci_budget_used(&s->budget))) {
-            status = pci_fail_cancelled(s->context, s->stage);
-            break;
-        }
-        pci_scratch own = pci_scratch_begin(s->context);
-        const uint32_t *members = &vertices[offsets[order[k].component]];
-        const size_t count = order[k].size;
-        pci_signed_graph part;
-        uint8_t *labels = PCI_SCRATCH(&own, uint8_t, count + 1);
-        if (own.failed ||
-            !extract_component(&own, graph, roof, members, count, &rows, local, &part)) {
-            status = pci_fail_memory(s->context, s->stage);
-        } else {
-            int64_t bound = 0;
-            status = solve_component(s, &part, labels, &bound);
-            for (size_t i = 0; i < count && status == PC_OK; ++i) {
-                solution->labels[members[i]] = labels[i + 1];
-            }
-            if (status == PC_OK) {
-                const int64_t gap = pci_signed_graph_cost(&part, labels) - bound;
-                missing += gap;
-                solution->unproven += gap > 0;
-                solution->open_vertices += count;
-            }
-        }
-        pci_scratch_end(&own);
+    component_job job = {.solver = s,
+                         .graph = graph,
+                         .roof = roof,
+                         .rows = &rows,
+                         .count = components,
+                         .order = order,
+                         .offsets = offsets,
+                         .vertices = vertices,
+                         .local = local,
+                         .open = offsets[components],
+                         .results = results,
+                         .labels = solution->labels};
+    // What outweighs all others needs all threads.
+    const size_t largest = order[components - 1].size;
+    if (largest > job.open / 5 * 4) {
+        status = solve_nth(&job, 0, s->context);
+        --job.count;
     }
     if (status == PC_OK) {
-        // All that is not proven lies in the components.
-        solution->components = components;
-        solution->bound = pci_signed_graph_cost(graph, solution->labels) - missing;
+        status = pci_run_tasks(s->context, job.count, solve_nth, &job);
     }
+    if (status != PC_OK) {
+        goto cleanup;
+    }
+    int64_t missing = 0;
+    for (size_t k = 0; k < components; ++k) {
+        missing += results[k].gap;
+        solution->unproven += results[k].gap > 0;
+        s->budget.left -= results[k].used < s->budget.left ? results[k].used : s->budget.left;
+    }
+    // All that is not proven lies in the components.
+    solution->open_vertices += job.open;
+    solution->components = components;
+    solution->bound = pci_signed_graph_cost(graph, solution->labels) - missing;
 cleanup:
     pci_scratch_end(&scratch);
     return status;

@@ -113,6 +113,65 @@ static void long_loops_can_be_cancelled(void **state) {
     }
 }
 
+typedef struct task_notes {
+    uint32_t marks[20][100];
+    bool waits;     // until somebody cancels
+    size_t failing; // first task that fails
+} task_notes;
+
+static pc_status note_task(void *user, size_t index, pc_context *own) {
+    task_notes *notes = user;
+    for (int i = 0; i < 10; ++i) {
+        pci_parallel_for(own, 100, 7, mark_pieces, notes->marks[index]);
+    }
+    while (notes->waits) {
+        if (!pci_progress(own, "voxelize", 0.0)) {
+            return pci_fail_memory(own, "voxelize"); // cannot tell why
+        }
+    }
+    return index < notes->failing ? PC_OK
+                                  : pci_fail(own, PC_ERROR_NO_PROXY, "voxelize", "task %zu", index);
+}
+
+static void tasks_run_once_each(void **state) {
+    (void)state;
+    for (uint32_t threads = 1; threads <= 8; ++threads) {
+        pc_context *context = test_context(threads);
+        static const task_notes none;
+        static task_notes notes;
+        for (size_t count = 0; count <= 20; ++count) {
+            notes = none;
+            notes.failing = 20;
+            assert_ok(context, pci_run_tasks(context, count, note_task, &notes));
+            for (size_t i = 0; i < 2000; ++i) {
+                assert_int_equal(notes.marks[i / 100][i % 100], i / 100 < count ? 10 : 0);
+            }
+        }
+        // Later ones may fail first.
+        notes = none;
+        notes.failing = 7;
+        assert_int_equal(pci_run_tasks(context, 20, note_task, &notes), PC_ERROR_NO_PROXY);
+        assert_string_equal(pc_context_error(context)->message, "task 7");
+        pc_context_destroy(context);
+    }
+}
+
+static void tasks_can_be_cancelled(void **state) {
+    (void)state;
+    for (uint32_t threads = 1; threads <= 3; ++threads) {
+        int calls = 0;
+        const pc_context_options options = {.threads = threads, .progress = refuse, .user = &calls};
+        pc_context *context = NULL;
+        static task_notes notes = {.waits = true, .failing = 20};
+        assert_int_equal(pc_context_create(&options, &context), PC_OK);
+        assert_int_equal(pci_run_tasks(context, 20, note_task, &notes), PC_ERROR_CANCELLED);
+        assert_int_equal(calls, 1);
+        assert_int_equal(pc_context_error(context)->status, PC_ERROR_CANCELLED);
+        assert_int_equal(pci_fail_memory(context, "voxelize"), PC_ERROR_OUT_OF_MEMORY);
+        pc_context_destroy(context);
+    }
+}
+
 static void check_fields(const pc_record *record) {
     for (size_t i = 0; i < record->field_count; ++i) {
         const pc_field *field = &record->fields[i];
@@ -222,6 +281,8 @@ int main(void) {
         cmocka_unit_test(pieces_wait_for_earlier_ones),
         cmocka_unit_test(scratch_memory_is_aligned_and_bounded),
         cmocka_unit_test(long_loops_can_be_cancelled),
+        cmocka_unit_test(tasks_run_once_each),
+        cmocka_unit_test(tasks_can_be_cancelled),
         cmocka_unit_test(every_field_is_described),
         cmocka_unit_test(options_have_valid_defaults),
         cmocka_unit_test(option_text_is_checked),

@@ -402,50 +402,19 @@ static void time_limits_stay_valid(void **state) {
     pc_context_destroy(context);
 }
 
-static void same_bytes_for_any_threads(void **state) {
-    (void)state;
-    const uint32_t threads[] = {1, 2, 3, 8};
-    pc_labels first = {0};
-    pc_label_report first_report;
-    pc_context *context = test_context(1);
-    pc_graph graph = {0};
-    read_graph(context, "codim_multilayer_drape", &graph);
-    assert_ok(context, pc_label(context, &graph, NULL, &first, &first_report));
-    for (size_t k = 0; k < sizeof(threads) / sizeof(threads[0]); ++k) {
-        pc_context *other = test_context(threads[k]);
-        pc_labels labels = {0};
-        pc_label_report report;
-        assert_ok(other, pc_label(other, &graph, NULL, &labels, &report));
-        assert_memory_equal(labels.labels, first.labels, graph.vertex_count);
-        assert_true(report.objective == first_report.objective &&
-                    report.bound == first_report.bound);
-        pc_labels_free(other, &labels);
-        pc_context_destroy(other);
-    }
-    pc_labels_free(context, &first);
-    pc_graph_free(context, &graph);
-    pc_context_destroy(context);
-}
-
-// ---- failures on the way ------------------------------------------------------------------------
-
-static bool stop_at_once(void *user, const char *stage, double fraction) {
-    (void)stage;
-    size_t *calls = user;
-    assert_true(fraction >= 0.0 && fraction <= 1.0);
-    return ++*calls < 3;
-}
-
-// A torus with random wishes: too wide for elimination, so all methods take part.
-static void make_torus(pc_context *context, pc_graph *graph) {
+// Tori with random wishes: too wide for elimination, so all methods take part.
+static void make_tori(pc_context *context, uint32_t tori, pc_graph *graph) {
     enum { SIDE = 26, COUNT = SIDE * SIDE };
-    graph->vertex_count = COUNT;
-    graph->edges = PCI_ALLOCATE(context, uint32_t, 4 * COUNT);
-    graph->edge_weights = PCI_ALLOCATE(context, double, 2 * COUNT);
-    graph->opposites = PCI_ALLOCATE(context, uint32_t, 4 * COUNT);
-    graph->opposite_signs = PCI_ALLOCATE(context, int8_t, 2 * COUNT);
-    for (uint32_t v = 0; v < COUNT; ++v) {
-        const uint32_t next[2] = {v / SIDE * SIDE + (v + 1) % SIDE, (v + SIDE) % COUNT};
+    const size_t count = (size_t)tori * COUNT;
+    graph->vertex_count = count;
+    graph->edges = PCI_ALLOCATE(context, uint32_t, 4 * count);
+    graph->edge_weights = PCI_ALLOCATE(context, double, 2 * count);
+    graph->opposites = PCI_ALLOCATE(context, uint32_t, 4 * count);
+    graph->opposite_signs = PCI_ALLOCATE(context, int8_t, 2 * count);
+    for (uint32_t v = 0; v < count; ++v) {
+        const uint32_t first = v / COUNT * COUNT;
+        const uint32_t next[2] = {v / SIDE * SIDE + (v + 1) % SIDE,
+                                  first + (v - first + SIDE) % COUNT};
         for (size_t k = 0; k < 2; ++k) {
             if (pci_random(9, k, v) < 0.2) {
                 graph->opposites[2 * graph->opposite_count] = v;
@@ -459,13 +428,57 @@ static void make_torus(pc_context *context, pc_graph *graph) {
     }
 }
 
+// @param effort  also too little for a proof
+static void check_threads(pc_context *context, const pc_graph *graph, uint32_t effort) {
+    const uint32_t threads[] = {2, 3, 8};
+    const pc_label_options o = make_options(1, 1, 0, effort);
+    pc_labels first = {0};
+    pc_label_report first_report;
+    assert_ok(context, pc_label(context, graph, &o, &first, &first_report));
+    for (size_t k = 0; k < sizeof(threads) / sizeof(threads[0]); ++k) {
+        pc_context *other = test_context(threads[k]);
+        pc_labels labels = {0};
+        pc_label_report report;
+        assert_ok(other, pc_label(other, graph, &o, &labels, &report));
+        assert_memory_equal(labels.labels, first.labels, graph->vertex_count);
+        assert_true(report.objective == first_report.objective &&
+                    report.bound == first_report.bound);
+        pc_labels_free(other, &labels);
+        pc_context_destroy(other);
+    }
+    pc_labels_free(context, &first);
+}
+
+static void same_bytes_for_any_threads(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pc_graph graph = {0}, tori = {0};
+    read_graph(context, "codim_multilayer_drape", &graph);
+    make_tori(context, 5, &tori); // side by side
+    check_threads(context, &graph, 100);
+    check_threads(context, &tori, 100);
+    check_threads(context, &tori, 1);
+    pc_graph_free(context, &graph);
+    pc_graph_free(context, &tori);
+    pc_context_destroy(context);
+}
+
+// ---- failures on the way ------------------------------------------------------------------------
+
+static bool stop_at_once(void *user, const char *stage, double fraction) {
+    (void)stage;
+    size_t *calls = user;
+    assert_true(fraction >= 0.0 && fraction <= 1.0);
+    return ++*calls < 3;
+}
+
 static void survives_lack_of_memory(void **state) {
     (void)state;
     counting_allocator counter = {0};
     pc_context *context = counting_context(&counter);
     const pc_label_options o = make_options(1, 1, 0, 100);
     pc_graph graph = {0};
-    make_torus(context, &graph);
+    make_tori(context, 1, &graph);
     pc_label_report report;
     starvation s = {.counter = &counter, .growth = 6};
     while (starves(&s)) {
@@ -488,7 +501,7 @@ static void can_be_cancelled(void **state) {
     pc_context *context = NULL;
     assert_int_equal(pc_context_create(&options, &context), PC_OK);
     pc_graph graph = {0};
-    make_torus(context, &graph);
+    make_tori(context, 1, &graph);
     const pc_label_options o = make_options(1, 1, 0, 100);
     pc_labels labels = {0};
     assert_int_equal(pc_label(context, &graph, &o, &labels, NULL), PC_ERROR_CANCELLED);

@@ -374,7 +374,7 @@ static void wind_is_bounded_and_turns(void **state) {
         pci_wind_next(&wind, velocity);
         if (wind.gust != gust) {
             ++gusts;
-            assert_in_range(wind.gust_end - begin, 30, 90);
+            assert_in_range(wind.gust_end - begin, 20, 40);
             assert_in_range((uint64_t)(1000.0 * pci_norm(wind.target)), 1200, 6000);
         }
         const double speed = pci_norm(velocity);
@@ -383,9 +383,29 @@ static void wind_is_bounded_and_turns(void **state) {
             mean[k] += velocity[k] / 60000.0;
         }
     }
-    assert_in_range(gusts, 900, 1100);
+    assert_in_range(gusts, 1900, 2100);
     assert_true(strongest > 5.0 && strongest <= 6.6);
     assert_true(pci_norm(mean) < 0.3);
+}
+
+// A dozen gusts blow from all sides, whatever the seed: nearer than 65 degrees to each axis.
+static void gusts_leave_no_side_out(void **state) {
+    (void)state;
+    for (uint32_t seed = 0; seed < 1000; ++seed) {
+        pci_wind wind = pci_wind_begin(seed, 6.0);
+        double nearest[6] = {-1.0, -1.0, -1.0, -1.0, -1.0, -1.0};
+        while (wind.gust < 12 || wind.step < wind.gust_end) {
+            double velocity[3];
+            pci_wind_next(&wind, velocity);
+            for (size_t k = 0; k < 6; ++k) {
+                const double along = (k < 3 ? 1.0 : -1.0) * wind.target[k % 3];
+                nearest[k] = fmax(nearest[k], along / pci_norm(wind.target));
+            }
+        }
+        for (size_t k = 0; k < 6; ++k) {
+            assert_true(nearest[k] > cos(65.0 / 57.29577951308232));
+        }
+    }
 }
 
 // ---- the stage ----------------------------------------------------------------------------------
@@ -562,6 +582,7 @@ int main(void) {
         cmocka_unit_test(pendulum_has_its_period),
         cmocka_unit_test(wind_acts_along_the_normal),
         cmocka_unit_test(wind_is_bounded_and_turns),
+        cmocka_unit_test(gusts_leave_no_side_out),
         cmocka_unit_test(holds_the_highest_vertices),
         cmocka_unit_test(every_part_hangs),
         cmocka_unit_test(scale_and_axis_do_not_matter),

@@ -92,7 +92,8 @@ bool pci_springs_pack(pci_scratch *scratch, const pci_spring *springs, size_t co
 
 // ---- winds (simulate_wind.c) -------------------------------------------------------------------
 
-// Wind of random direction and strength: gusts of 30 to 90 steps, smoothed, with noise.
+// Wind of random direction and strength: gusts of 20 to 40 steps, smoothed, with noise. A
+// dozen gusts blow from all sides.
 typedef struct pci_wind {
     uint32_t seed;
     double top_speed;

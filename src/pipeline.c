@@ -89,6 +89,7 @@ pc_status pc_run_stage(pc_context *context, pc_stage stage, const pc_options *op
     if (alone) {
         pci_bvh_share(context, NULL);
     }
+    pci_give_back(context);
     if (timings != NULL) {
         timings->seconds[stage] = pci_clock_seconds() - start;
     }

@@ -65,6 +65,9 @@ static inline pc_status pci_failure(pc_status status) {
 void *pci_allocate(pc_context *context, size_t count, size_t size);
 #define PCI_ALLOCATE(context, type, count) ((type *)pci_allocate((context), (count), sizeof(type)))
 
+// The C library keeps what is released in pieces. Gives it back to the system, if that is much.
+void pci_give_back(const pc_context *context);
+
 // ---- scratch memory of one call -----------------------------------------------------------------
 
 // A list of allocations that is released as a whole. After the first failure `failed` stays set, so
@@ -77,6 +80,8 @@ typedef struct pci_scratch {
 
 pci_scratch pci_scratch_begin(pc_context *context);
 void pci_scratch_end(pci_scratch *scratch);
+// Releases one piece before the others; not of those that are aligned. NULL is accepted.
+void pci_scratch_release(pci_scratch *scratch, void *memory);
 // Zeroed; NULL on failure, which also sets `failed`.
 void *pci_scratch_allocate(pci_scratch *scratch, size_t count, size_t size);
 // The same, aligned to 64 bytes: a line of the cache, and the widest register.

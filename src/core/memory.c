@@ -1,4 +1,10 @@
 #include <stdlib.h>
+#if defined(__GLIBC__)
+#if __GLIBC_PREREQ(2, 33)
+#include <malloc.h>
+#define HAS_TRIM
+#endif
+#endif
 
 #include "core/context.h"
 
@@ -24,6 +30,18 @@ void pc_release(pc_context *context, void *memory) {
     }
 }
 
+void pci_give_back(const pc_context *context) {
+#if defined(HAS_TRIM)
+    enum { WORTH_IT = 32 << 20 }; // bytes
+    if (context->options.allocator.allocate == pci_default_allocate &&
+        mallinfo2().fordblks >= WORTH_IT) {
+        (void)malloc_trim(0);
+    }
+#else
+    (void)context;
+#endif
+}
+
 // Header in front of each piece of scratch memory; 64 bytes keep the pieces aligned for SIMD when
 // the allocator aligns to 64, and to max_align_t always.
 struct pci_scratch_block {
@@ -44,6 +62,18 @@ void pci_scratch_end(pci_scratch *scratch) {
         block = next;
     }
     scratch->blocks = NULL;
+}
+
+void pci_scratch_release(pci_scratch *scratch, void *memory) {
+    struct pci_scratch_block **at = &scratch->blocks;
+    while (*at != NULL && (void *)(*at + 1) != memory) {
+        at = &(*at)->next;
+    }
+    struct pci_scratch_block *block = *at;
+    if (block != NULL) {
+        *at = block->next;
+        pc_release(scratch->context, block);
+    }
 }
 
 void *pci_scratch_allocate(pci_scratch *scratch, size_t count, size_t size) {

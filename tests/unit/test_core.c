@@ -74,6 +74,47 @@ static void scratch_memory_is_aligned_and_bounded(void **state) {
     pc_context_destroy(context);
 }
 
+static void count_allocation(void *user, void *memory, int change) {
+    *(int *)user += memory != NULL ? change : 0;
+}
+
+static void *allocate_counted(void *user, size_t size) {
+    void *memory = malloc(size);
+    count_allocation(user, memory, 1);
+    return memory;
+}
+
+static void release_counted(void *user, void *memory) {
+    count_allocation(user, memory, -1);
+    free(memory);
+}
+
+static void single_pieces_of_scratch_memory_are_released(void **state) {
+    (void)state;
+    int count = 0;
+    const pc_context_options options = {.threads = 1,
+                                        .allocator = {allocate_counted, release_counted, &count}};
+    pc_context *context = NULL;
+    assert_int_equal(pc_context_create(&options, &context), PC_OK);
+    const int before = count;
+    pci_scratch scratch = pci_scratch_begin(context);
+    uint32_t *pieces[4];
+    for (size_t i = 0; i < 4; ++i) {
+        pieces[i] = PCI_SCRATCH(&scratch, uint32_t, 10);
+        pieces[i][9] = (uint32_t)i;
+    }
+    const size_t order[] = {1, 3, 0};
+    for (int i = 0; i < 3; ++i) {
+        pci_scratch_release(&scratch, pieces[order[i]]);
+        assert_int_equal(count, before + 3 - i);
+    }
+    pci_scratch_release(&scratch, NULL);
+    assert_int_equal(pieces[2][9], 2);
+    pci_scratch_end(&scratch);
+    assert_int_equal(count, before);
+    pc_context_destroy(context);
+}
+
 static void sleep_a_millisecond(void *user, size_t begin, size_t end, uint32_t worker) {
     ((uint8_t *)user)[begin] = 1;
     const struct timespec duration = {.tv_nsec = 1000000};
@@ -280,6 +321,7 @@ int main(void) {
         cmocka_unit_test(parallel_for_visits_every_element_once),
         cmocka_unit_test(pieces_wait_for_earlier_ones),
         cmocka_unit_test(scratch_memory_is_aligned_and_bounded),
+        cmocka_unit_test(single_pieces_of_scratch_memory_are_released),
         cmocka_unit_test(long_loops_can_be_cancelled),
         cmocka_unit_test(tasks_run_once_each),
         cmocka_unit_test(tasks_can_be_cancelled),

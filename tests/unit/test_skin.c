@@ -532,6 +532,82 @@ static void survives_failing_memory(void **state) {
     }
 }
 
+typedef struct byte_counter {
+    size_t live, peak;
+} byte_counter;
+
+enum { SIZE_HEADER = 64 };
+
+static void *allocate_bytes(void *user, size_t size) {
+    byte_counter *counter = user;
+    char *memory = malloc(size + SIZE_HEADER);
+    if (memory == NULL) {
+        return NULL;
+    }
+    memcpy(memory, &size, sizeof(size));
+    counter->live += size;
+    counter->peak = counter->live > counter->peak ? counter->live : counter->peak;
+    return memory + SIZE_HEADER;
+}
+
+static void release_bytes(void *user, void *memory) {
+    char *begin = (char *)memory - SIZE_HEADER;
+    size_t size;
+    memcpy(&size, begin, sizeof(size));
+    ((byte_counter *)user)->live -= size;
+    free(begin);
+}
+
+// Peak memory of finding weights for a sheet of so many vertices in each direction.
+static size_t peak_of_sheet(uint32_t side, uint32_t influences, size_t *vertices) {
+    enum { FRAMES = 20 };
+    byte_counter counter = {0};
+    const pc_context_options context_options = {
+        .threads = 1, .allocator = {allocate_bytes, release_bytes, &counter}};
+    pc_context *context = NULL;
+    assert_int_equal(pc_context_create(&context_options, &context), PC_OK);
+    pc_mesh surface = test_sheet(context, side, side, 1.0, 1.0),
+            proxy = test_sheet(context, 6, 6, 1.0, 1.0);
+    double *frames = calloc(3 * proxy.vertex_count * FRAMES, sizeof(*frames));
+    for (size_t i = 0; i < FRAMES * proxy.vertex_count; ++i) {
+        const double *from = &proxy.positions[3 * (i % proxy.vertex_count)];
+        const double phase = 0.3 * (double)(i / proxy.vertex_count);
+        memcpy(&frames[3 * i], from, 3 * sizeof(*frames));
+        frames[3 * i + 2] += 0.2 * sin(phase) * sin(4.0 * from[0] + 3.0 * from[1] + phase);
+    }
+    const pc_motion motion = {
+        .frame_count = FRAMES, .vertex_count = proxy.vertex_count, .positions = frames};
+    pc_skin_options options = quick_options();
+    options.influences = influences;
+    options.rounds = 16;
+    pc_skin skin = {0};
+    const size_t before = counter.live;
+    counter.peak = before;
+    *vertices = surface.vertex_count;
+    assert_ok(context, pc_skin_optimize(context, &surface, &proxy, &motion, &options, &skin, NULL));
+    const size_t peak = counter.peak - before;
+    pc_skin_free(context, &skin);
+    pc_mesh_free(context, &surface);
+    pc_mesh_free(context, &proxy);
+    free(frames);
+    pc_context_destroy(context);
+    assert_int_equal(counter.live, 0);
+    return peak;
+}
+
+// From one size to the next, so that what does not grow with the surface does not count.
+static void memory_per_vertex_is_bounded(void **state) {
+    (void)state;
+    static const double most[2] = {1100.0, 1400.0};
+    for (uint32_t i = 0; i < 2; ++i) {
+        size_t vertices[2];
+        const size_t small = peak_of_sheet(40, 4 << i, &vertices[0]);
+        const size_t large = peak_of_sheet(80, 4 << i, &vertices[1]);
+        const double bytes = (double)(large - small) / (double)(vertices[1] - vertices[0]);
+        assert_true(bytes < most[i]);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(beats_the_closest_triangle),
@@ -546,6 +622,7 @@ int main(void) {
         cmocka_unit_test(vertices_close_by_move_as_one),
         cmocka_unit_test(errors_leave_nothing),
         cmocka_unit_test(survives_failing_memory),
+        cmocka_unit_test(memory_per_vertex_is_bounded),
     };
     return cmocka_run_group_tests_name("skin", tests, NULL, NULL);
 }

@@ -270,7 +270,7 @@ static void the_matrix_is_that_of_the_losses(void **state) {
                 attached -= pci_skin_near_weight(p, v, e) * u[p->near[e]];
             }
             attached_exact += attached * attached;
-            direct += s.a.follow[v] * u[v] * u[v];
+            direct += s.a.follow * u[v] * u[v];
         }
         direct += scale[2] * attached_bound;
         assert_true(attached_exact <= attached_bound);
@@ -318,8 +318,8 @@ static double product_of(const solver *s, size_t i, size_t j) {
     const pci_skin_problem *p = &s->f.problem;
     const size_t columns = s->a.frames.data.columns;
     return pci_skin_gram_product(s->gram.matrix, p->proxy_count, columns, p->bones[i], p->bones[j],
-                                 &s->a.frames.points[i / p->slots * columns],
-                                 &s->a.frames.points[j / p->slots * columns]);
+                                 &s->a.frames.points[pci_skin_point_at(i / p->slots, columns)],
+                                 &s->a.frames.points[pci_skin_point_at(j / p->slots, columns)]);
 }
 
 // Products of displacements, summed over the frames: what one proxy vertex does to one vertex times
@@ -416,7 +416,7 @@ static void noise_pulls_as_its_energy_says(void **state) {
     memcpy(w, noisy.f.weights, count * sizeof(double));
     for (size_t r = 0; r < p->vertex_count; ++r) {
         const size_t v = q->members[r];
-        const double follow = 2.0 * noisy.a.follow[v];
+        const double follow = 2.0 * noisy.a.follow;
         memset(pull, 0, p->proxy_count * sizeof(double));
         for (size_t e = q->offsets[r]; e < q->offsets[r + 1]; ++e) {
             const size_t j = column(q, r, e);
@@ -608,7 +608,7 @@ static void stops_at_a_stationary_point(void **state) {
                 }
                 for (size_t k = v * p->slots; k < (v + 1) * p->slots; ++k) {
                     displacement_by(f, t, p->bones[k], v, u);
-                    g[k] += 2.0 * s.a.follow[v] * pci_dot(error, u);
+                    g[k] += 2.0 * s.a.follow * pci_dot(error, u);
                 }
             }
             for (size_t k = v * p->slots; k < (v + 1) * p->slots; ++k) {

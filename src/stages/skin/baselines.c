@@ -7,7 +7,7 @@
 
 static const char stage[] = "baselines";
 
-enum { LARGEST_INFLUENCES = 32, PIECES = 4, COLUMNS = PCI_CHOLESKY_TOGETHER };
+enum { LARGEST_INFLUENCES = 32, MOST_PIECES = 4, COLUMNS = PCI_CHOLESKY_TOGETHER };
 
 static pc_status check(pc_context *context, const pc_mesh *surface, const pc_mesh *proxy,
                        uint32_t influences, const pc_skin *skin) {
@@ -229,15 +229,17 @@ static pc_status factorise_heat(pc_context *context, const pc_mesh *surface, dou
                                                        h.offsets, h.rows, h.values, cholesky)
                                  : pci_fail_memory(context, stage);
     pci_scratch_end(&scratch);
+    pci_give_back(context);
     return status;
 }
 
-// PIECES times COLUMNS proxy vertices whose heat flows.
+// Some proxy vertices whose heat flows, COLUMNS at a time by each of some threads.
 typedef struct flow_job {
     const pci_cholesky *cholesky;
     const pc_skin *closest;
     const double *masses;
-    size_t first;    // of the proxy vertices
+    size_t first; // of the proxy vertices
+    size_t pieces;
     double *columns; // of each piece #V by COLUMNS, in the order of the factor
     pc_skin *skin;
 } flow_job;
@@ -273,7 +275,7 @@ static void keep_largest(void *user, size_t begin, size_t end, uint32_t worker) 
     const uint32_t *order = pci_cholesky_order(job->cholesky);
     for (size_t i = begin; i < end; ++i) {
         const size_t row = (size_t)order[i] * slots;
-        for (size_t c = 0; c < (size_t)PIECES * COLUMNS; ++c) {
+        for (size_t c = 0; c < job->pieces * COLUMNS; ++c) {
             const double weight = piece_columns(job, c / COLUMNS)[i * COLUMNS + c % COLUMNS];
             if (weight > 0.0) {
                 insert(&job->skin->bones[row], &job->skin->weights[row], slots,
@@ -286,15 +288,18 @@ static void keep_largest(void *user, size_t begin, size_t end, uint32_t worker) 
 // Lets the weights of some proxy vertices flow at a time and keeps the largest of each row.
 static pc_status flow(pc_context *context, const pci_cholesky *cholesky, const double *masses,
                       const pc_skin *closest, size_t proxy_count, pc_skin *skin) {
-    const size_t nv = skin->vertex_count, step = (size_t)PIECES * COLUMNS;
+    const size_t nv = skin->vertex_count;
+    const uint32_t threads = pc_context_threads(context);
+    const size_t pieces = threads < MOST_PIECES ? threads : MOST_PIECES, step = pieces * COLUMNS;
     flow_job job = {.cholesky = cholesky,
                     .closest = closest,
                     .masses = masses,
+                    .pieces = pieces,
                     .columns = PCI_ALLOCATE(context, double, nv *step),
                     .skin = skin};
     pc_status status = job.columns == NULL ? pci_fail_memory(context, stage) : PC_OK;
     for (; job.first < proxy_count && status == PC_OK; job.first += step) {
-        pci_parallel_for(context, PIECES, 1, flow_pieces, &job);
+        pci_parallel_for(context, pieces, 1, flow_pieces, &job);
         pci_parallel_for(context, nv, 256, keep_largest, &job);
         if (!pci_progress(context, stage, (double)job.first / (double)proxy_count)) {
             status = pci_fail_cancelled(context, stage);

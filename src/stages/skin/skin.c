@@ -195,7 +195,7 @@ static pc_status prepare(pci_scratch *scratch, const pc_mesh *surface, const pc_
     f->surface = surface;
     f->proxy = proxy;
     f->pinned = motion->pinned;
-    f->closest = PCI_SCRATCH(scratch, pci_place, nv);
+    f->closest = PCI_ALLOCATE(f->context, pci_place, nv);
     pc_status status = f->closest != NULL
                            ? pci_closest_points(f->context, stage, surface, proxy, f->closest)
                            : pci_fail_memory(f->context, stage);
@@ -296,6 +296,12 @@ pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface, const pc
     if (status == PC_OK) {
         status = prepare(&scratch, &sorted, proxy, motion, &f);
     }
+    if (chosen.solver == PC_SKIN_ALTERNATE) { // what follows needs neither
+        pci_scratch_release(&scratch, sorted.triangles);
+        pci_scratch_release(&scratch, (void *)f.ranks);
+        sorted.triangles = NULL;
+        f.ranks = f.problem.ranks = NULL;
+    }
     if (status == PC_OK) {
         status = chosen.solver == PC_SKIN_ADAMW ? pci_skin_fit_adamw(&scratch, &f, &r)
                                                 : pci_skin_fit_alternate(&f, &r);
@@ -304,6 +310,7 @@ pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface, const pc
         status = write_result(&scratch, &f, surface->vertex_count, rows, skin, &r);
     }
     pc_skin_free(context, &f.followed);
+    pc_release(context, f.closest);
     pci_scratch_end(&scratch);
     if (status != PC_OK) {
         pc_skin_free(context, skin);

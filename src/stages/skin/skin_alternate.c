@@ -45,7 +45,7 @@ static void resist_noise(const pci_skin_alternation *a, size_t member, size_t co
     const size_t begin = q->offsets[member], end = q->offsets[member + 1];
     for (size_t e = begin; e < end; ++e) {
         const size_t j = known[q->entries[e]];
-        const double m = noise * ((double)q->values[e] - (j == v ? 2.0 * a->follow[v] : 0.0));
+        const double m = noise * ((double)q->values[e] - (j == v ? 2.0 * a->follow : 0.0));
         pull_bones(m, count, &bones[j * count], &weights[j * count], pulls);
     }
     for (size_t k = 0; k < q->slots; ++k) {
@@ -61,7 +61,7 @@ static void resist_noise(const pci_skin_alternation *a, size_t member, size_t co
 static inline __attribute__((always_inline)) double
 multiply_gram(const pci_skin_alternation *a, size_t v, uint32_t bone, size_t count,
               const uint32_t *bones, const double *weights, const size_t columns) {
-    const double *point = &a->frames.points[v * columns];
+    const double *point = &a->frames.points[pci_skin_point_at(v, columns)];
     double sum = 0.0;
     for (size_t l = 0; l < count; ++l) {
         sum += weights[l] * pci_skin_gram_product(a->gram->matrix, a->frames.problem->proxy_count,
@@ -77,7 +77,7 @@ static inline __attribute__((always_inline)) void follow(const pci_skin_alternat
     const size_t slots = a->frames.problem->slots;
     const uint32_t *bones = &a->frames.problem->bones[v * slots];
     for (size_t k = 0; k < slots; ++k) {
-        gradient[k] += 2.0 * a->follow[v] *
+        gradient[k] += 2.0 * a->follow *
                        multiply_gram(a, v, bones[k], slots, bones, &weights[v * slots], columns);
     }
 }
@@ -162,7 +162,7 @@ static void find_constants(void *user, size_t begin, size_t end, uint32_t worker
             const double product = multiply_gram(a, v, p->bones[k], count, &b->bones[v * count],
                                                  &b->weights[v * count], columns);
             a->constants[k] =
-                (float)(2.0 * a->follow[v] * product + followed_share * resisted[k % slots]);
+                (float)(2.0 * a->follow * product + followed_share * resisted[k % slots]);
         }
     }
 }
@@ -237,7 +237,6 @@ bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *pr
     a->gradient = PCI_SCRATCH(scratch, float *, nv / PCI_SKIN_GROUP + 1);
     a->moved = PCI_SCRATCH(scratch, float, count);
     a->constants = PCI_SCRATCH(scratch, float, count);
-    a->follow = PCI_SCRATCH(scratch, double, nv);
     a->allowed = PCI_SCRATCH(scratch, uint32_t, nv);
     a->pulls =
         PCI_SCRATCH(scratch, double, problem->proxy_count *pc_context_threads(scratch->context));
@@ -278,9 +277,7 @@ bool pci_skin_alternation_weigh(pci_scratch *scratch, pci_skin_alternation *a,
     }
     a->level = PCI_SKIN_LEVELS;
     const double follow_norm = a->spacing * (double)p->vertex_count;
-    for (size_t v = 0; v < p->vertex_count; ++v) {
-        a->follow[v] = follow_norm > 0.0 ? lambda_follow / (follow_norm * factor) : 0.0;
-    }
+    a->follow = follow_norm > 0.0 ? lambda_follow / (follow_norm * factor) : 0.0;
     if (a->quadratic.offsets != NULL) {
         return pci_skin_quadratic_weigh(scratch, p, a->scale, a->follow, &a->quadratic);
     }

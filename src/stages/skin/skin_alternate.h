@@ -21,7 +21,7 @@ typedef struct pci_skin_alternation {
     pci_skin_level level;        // that the quadratic and the constants are for
     double scale[4];             // of the losses
     uint32_t *allowed;           // #V, see pci_skin_quadratic
-    double *follow;              // #V: factor of L_f
+    double follow;               // factor of L_f
     const pc_skin *followed;     // b of L_f
     float *constants;            // #V by slots: what L_f and the noise add to the gradient with b
     double *pulls;               // #threads by #P, 0 but while a row is in hand

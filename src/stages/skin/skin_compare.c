@@ -117,10 +117,9 @@ static void add_block(void *user, size_t begin, size_t end, uint32_t worker) {
     job->sums[begin / BLOCK] = sums;
 }
 
-static void compare(compare_job *job, bool closest, pci_skin_motion_sums *total) {
+static void add_frames(compare_job *job, pci_skin_motion_sums *total) {
     const pci_skin_problem *p = &job->fit->problem;
     const size_t frames = (p->frame_count + STRIDE - 1) / STRIDE;
-    job->closest = closest;
     for (size_t first = 0; first < frames; first += LANES) {
         const size_t count = frames - first < LANES ? frames - first : LANES;
         for (size_t l = 0; l < LANES; ++l) {
@@ -153,11 +152,13 @@ static void find_lengths(const pci_skin_problem *p, compare_job *job) {
     }
 }
 
-bool pci_skin_compare(pci_skin_fit *f, pci_skin_ratios *ratios) {
+// The sums over the garment, or its closest points.
+static bool sum_motion(const pci_skin_fit *f, bool closest, pci_skin_motion_sums *sums) {
     const pci_skin_problem *p = &f->problem;
     const size_t nv = p->vertex_count, blocks = (nv + BLOCK - 1) / BLOCK;
     pci_scratch scratch = pci_scratch_begin(f->context);
     compare_job job = {.fit = f,
+                       .closest = closest,
                        .maps = PCI_SCRATCH(&scratch, double, MAP * p->proxy_count * LANES),
                        .moved = PCI_SCRATCH(&scratch, float, 3 * nv * LANES),
                        .lengths = PCI_SCRATCH(&scratch, float, p->ring_offsets[nv] / 2),
@@ -165,17 +166,21 @@ bool pci_skin_compare(pci_skin_fit *f, pci_skin_ratios *ratios) {
                        .sums = PCI_SCRATCH(&scratch, lane_sums, blocks)};
     const bool good = !scratch.failed;
     if (good) {
-        pci_skin_motion_sums garment = {0};
         (void)pci_skin_extent(p, job.origin);
         find_lengths(p, &job);
-        compare(&job, false, &garment);
-        if (f->closest_motion.ways == 0.0) {
-            compare(&job, true, &f->closest_motion);
-        }
-        const pci_skin_motion_sums *closest = &f->closest_motion;
-        ratios->motion = closest->ways > 0.0 ? garment.ways / closest->ways : 1.0;
-        ratios->strain = closest->strains > 0.0 ? garment.strains / closest->strains : 1.0;
+        add_frames(&job, sums);
     }
     pci_scratch_end(&scratch);
+    return good;
+}
+
+bool pci_skin_measure_closest(pci_skin_fit *f) { return sum_motion(f, true, &f->closest_motion); }
+
+bool pci_skin_compare(const pci_skin_fit *f, pci_skin_ratios *ratios) {
+    const pci_skin_motion_sums *closest = &f->closest_motion;
+    pci_skin_motion_sums garment = {0};
+    const bool good = sum_motion(f, false, &garment);
+    ratios->motion = closest->ways > 0.0 ? garment.ways / closest->ways : 1.0;
+    ratios->strain = closest->strains > 0.0 ? garment.strains / closest->strains : 1.0;
     return good;
 }

@@ -10,7 +10,11 @@ typedef struct pci_skin_ratios {
     double strain; // mean relative change of the edges' lengths
 } pci_skin_ratios;
 
-// From some of the frames, for the weights of the fit, rows that sum to 1. False: out of memory.
-bool pci_skin_compare(pci_skin_fit *fit, pci_skin_ratios *ratios);
+// The motion of the closest points, which the fit may forget then. False: out of memory.
+bool pci_skin_measure_closest(pci_skin_fit *fit);
+
+// From some of the frames, once that is measured, for the weights of the fit, rows that sum to 1.
+// False: out of memory.
+bool pci_skin_compare(const pci_skin_fit *fit, pci_skin_ratios *ratios);
 
 #endif

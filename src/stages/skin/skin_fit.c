@@ -483,6 +483,11 @@ static pc_status solve(pci_scratch *scratch, pci_skin_fit *f, pci_skin_alternati
     pci_skin_alternation_follow(a, f->proxy, &f->followed);
     hold_pinned(f, a->allowed);
     normalize_rows(f);
+    if (!pci_skin_measure_closest(f)) {
+        return pci_fail_memory(f->context, stage);
+    }
+    pc_release(f->context, f->closest);
+    f->closest = NULL;
     pc_status status = weigh(scratch, f, a);
     if (status == PC_OK) {
         status = run_phases(scratch, f, a, first_rounds, r);

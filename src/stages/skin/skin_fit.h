@@ -24,7 +24,7 @@ typedef struct pci_skin_fit {
     pci_skin_problem problem;
     pci_skin_problem paper; // the same, of the paper's losses, while these are measured
     pci_skin_layers layers; // empty with AdamW
-    pci_place *closest;     // #V, points on the proxy
+    pci_place *closest;     // #V, points on the proxy; the alternation forgets them
     pc_skin followed;       // see pci_skin_follow_proxy; empty with AdamW
     uint32_t *bones;        // #V by slots
     double *weights;        // #V by slots, rows of any sum
@@ -34,7 +34,7 @@ typedef struct pci_skin_fit {
     double follow_share;    // of lambda_f that is used, 1 or more
     double stretch_share;   // of lambda_s that is used, 1 or more
 
-    pci_skin_motion_sums closest_motion; // of the closest points, once pci_skin_compare has run
+    pci_skin_motion_sums closest_motion; // of the closest points
 } pci_skin_fit;
 
 // What L_f follows, the mean of two: closest points make the garment move as much as its proxy and

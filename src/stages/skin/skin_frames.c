@@ -402,13 +402,14 @@ static void load_drivers(pci_skin_frames *w, size_t first, size_t stride, size_t
 // Where the vertices are, as the driver sees them.
 static bool fill_points(pci_scratch *scratch, pci_skin_frames *w) {
     const pci_skin_problem *p = w->problem;
-    const size_t columns = w->data.columns, count = p->vertex_count * columns;
+    const size_t columns = w->data.columns, vertices = columns == 1 ? 1 : p->vertex_count;
+    const size_t count = vertices * columns;
     void *points = pci_skin_reals(scratch, w->kernel, count);
     w->points = PCI_SCRATCH(scratch, double, count);
     if (scratch->failed) {
         return false;
     }
-    for (size_t v = 0; v < p->vertex_count; ++v) {
+    for (size_t v = 0; v < vertices; ++v) {
         pci_skin_point(p, w->origin, w->unit, v, &w->points[v * columns]);
     }
     for (size_t i = 0; i < count; ++i) {

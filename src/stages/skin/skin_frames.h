@@ -16,7 +16,7 @@ typedef struct pci_skin_frames {
     pci_skin_data data;
     double unit;      // lengths are multiplied by this
     double origin[3]; // of the points
-    double *points;   // #V by columns: x^ of skin_driver.h in that unit
+    double *points;   // x^ of skin_driver.h in that unit, see pci_skin_point_at
     double *means;    // #frames by 3, displacements that the kernel does not see
 
     size_t patch_count;

@@ -49,13 +49,18 @@ enum { // of a vertex
     PCI_SKIN_CONSTANTS = 16
 };
 
+// Where x^ of a vertex is in an array of them. One column is 1 for all: the array has a single one.
+static inline size_t pci_skin_point_at(size_t vertex, size_t columns) {
+    return columns == 1 ? 0 : vertex * columns;
+}
+
 // What all patches share.
 typedef struct pci_skin_data {
     uint32_t slots;
     uint32_t columns;      // of the driver, see skin_driver.h
     const uint32_t *bones; // #V by slots
     const double *weights; // #V by slots
-    const void *points;    // real, #V by columns
+    const void *points;    // real, see pci_skin_point_at
     double scale[4];       // of the gradients of L_r, L_c, L_a, L_s
 } pci_skin_data;
 

@@ -376,7 +376,7 @@ NAME(displace)(const pci_skin_data *data, const pci_skin_patch *patch, const REA
     for (size_t v = 0; v < patch->local_count; ++v) {
         const uint32_t *bones = &data->bones[(size_t)patch->vertices[v] * data->slots];
         const double *weights = &data->weights[(size_t)patch->vertices[v] * data->slots];
-        const REAL *point = &points[(size_t)patch->vertices[v] * columns];
+        const REAL *point = &points[pci_skin_point_at(patch->vertices[v], columns)];
         for (size_t lane = 0; lane < PCI_BLOCK; lane += LANES) {
             VEC map[12] = {{0}};
             for (size_t k = 0; k < data->slots; ++k) {
@@ -659,7 +659,7 @@ NAME(collect)(const pci_skin_data *data, const pci_skin_patch *patch, const REAL
     const REAL *points = data->points;
     for (size_t v = 0; v < patch->local_count; ++v) {
         const uint32_t *bones = &data->bones[(size_t)patch->vertices[v] * data->slots];
-        const REAL *point = &points[(size_t)patch->vertices[v] * columns];
+        const REAL *point = &points[pci_skin_point_at(patch->vertices[v], columns)];
         const REAL *g = &forces[3 * PCI_BLOCK * v];
         REAL *row = &gradient[v * data->slots];
         size_t k = 0;

@@ -101,7 +101,7 @@ typedef struct group_builder {
 // The rows of all groups are visited twice: they are counted, then filled.
 typedef struct matrix_job {
     const pci_skin_problem *p;
-    const double *diagonal;
+    double diagonal;
     pci_skin_quadratic *q;
     incoming_lists in;
     group_builder *builders; // #threads
@@ -145,7 +145,7 @@ static void fill_groups(void *user, size_t begin, size_t end, uint32_t worker) {
         }
         for (size_t m = first; m < last; ++m) {
             const uint32_t v = q->members[m];
-            build_row(job->p, &job->in, v, job->diagonal[v], &b->row);
+            build_row(job->p, &job->in, v, job->diagonal, &b->row);
             for (uint32_t e = 0; e < b->row.count; ++e) {
                 number_vertex(b, b->row.columns[e], known, &count);
                 q->entries[q->offsets[m] + e] = b->numbers[b->row.columns[e]] - 1;
@@ -160,7 +160,7 @@ static void fill_groups(void *user, size_t begin, size_t end, uint32_t worker) {
 
 // Counts while there is no room.
 bool pci_skin_matrix_fill(pci_scratch *scratch, const pci_skin_problem *p, const double scale[4],
-                          const double *diagonal, pci_skin_quadratic *q) {
+                          double diagonal, pci_skin_quadratic *q) {
     const uint32_t threads = pc_context_threads(scratch->context);
     pci_scratch local = pci_scratch_begin(scratch->context);
     matrix_job job = {.p = p,
@@ -200,7 +200,7 @@ static void add_up_offsets(size_t count, size_t *offsets) {
 }
 
 static bool build_groups(pci_scratch *scratch, const pci_skin_problem *p, const double scale[4],
-                         const double *diagonal, pci_skin_quadratic *q) {
+                         double diagonal, pci_skin_quadratic *q) {
     q->group_count = (uint32_t)((q->vertex_count + PCI_SKIN_GROUP - 1) / PCI_SKIN_GROUP);
     q->members = p->order;
     q->offsets = PCI_SCRATCH(scratch, size_t, q->vertex_count + 1);
@@ -252,6 +252,6 @@ static bool colour_groups(pci_scratch *scratch, pci_skin_quadratic *q) {
 }
 
 bool pci_skin_matrix_build(pci_scratch *scratch, const pci_skin_problem *problem,
-                           const double scale[4], const double *diagonal, pci_skin_quadratic *q) {
+                           const double scale[4], double diagonal, pci_skin_quadratic *q) {
     return build_groups(scratch, problem, scale, diagonal, q) && colour_groups(scratch, q);
 }

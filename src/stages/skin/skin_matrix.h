@@ -13,12 +13,10 @@ double pci_skin_ring_scale(const double scale[4]);
 // Groups, their colours and the rows of M, into a quadratic that knows the number of vertices.
 // False: out of memory.
 bool pci_skin_matrix_build(pci_scratch *scratch, const pci_skin_problem *problem,
-                           const double scale[4], const double *diagonal,
-                           pci_skin_quadratic *quadratic);
+                           const double scale[4], double diagonal, pci_skin_quadratic *quadratic);
 
 // The values of the rows once more. False: out of memory.
 bool pci_skin_matrix_fill(pci_scratch *scratch, const pci_skin_problem *problem,
-                          const double scale[4], const double *diagonal,
-                          pci_skin_quadratic *quadratic);
+                          const double scale[4], double diagonal, pci_skin_quadratic *quadratic);
 
 #endif

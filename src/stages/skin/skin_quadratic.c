@@ -84,7 +84,7 @@ static size_t kept_size(const pci_skin_quadratic *q) {
 
 bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *problem,
                               const pci_skin_kernel *kernel, const double *points,
-                              const double scale[4], const double *diagonal, const double *gram,
+                              const double scale[4], double diagonal, const double *gram,
                               const uint32_t *allowed, pci_skin_quadratic *q) {
     memset(q, 0, sizeof(*q));
     q->kernel = kernel;
@@ -104,8 +104,7 @@ bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *prob
 }
 
 bool pci_skin_quadratic_weigh(pci_scratch *scratch, const pci_skin_problem *problem,
-                              const double scale[4], const double *diagonal,
-                              pci_skin_quadratic *q) {
+                              const double scale[4], double diagonal, pci_skin_quadratic *q) {
     return pci_skin_matrix_fill(scratch, problem, scale, diagonal, q);
 }
 
@@ -190,7 +189,7 @@ load_moves(const pci_skin_quadratic *q, const size_t width, pci_skin_group *g) {
     for (size_t i = 0; i < g->move_count; ++i) {
         const pci_skin_move *move = &g->moves[i];
         float *moved = &g->moved[move->row * g->stride + width * move->bone];
-        const double *x = &q->points[g->vertices[move->row] * width];
+        const double *x = &q->points[pci_skin_point_at(g->vertices[move->row], width)];
         for (size_t k = 0; k < width; ++k) {
             moved[k] = (float)((double)move->step * x[k]);
         }
@@ -245,7 +244,7 @@ static inline __attribute__((always_inline)) double row_product(const pci_skin_q
                                                                 const pci_skin_group *g,
                                                                 const size_t width, size_t row,
                                                                 size_t place, size_t other) {
-    const double *x = &q->points[g->vertices[row] * width];
+    const double *x = &q->points[pci_skin_point_at(g->vertices[row], width)];
     return pci_skin_gram_product(g->own_gram, g->own_bone_count, width, place, other, x, x);
 }
 
@@ -269,7 +268,7 @@ static inline __attribute__((always_inline)) void extract_row(const sweep_job *j
                                                               const size_t width, row_program *r) {
     const pci_skin_quadratic *q = job->q;
     const size_t v = g->vertices[row], first = q->offsets[g->first + row];
-    const double *x = &q->points[v * width];
+    const double *x = &q->points[pci_skin_point_at(v, width)];
     uint32_t numbers[PCI_SKIN_SLOTS_MAX * PCI_SKIN_COLUMNS_MAX];
     float products[PCI_SKIN_SLOTS_MAX * PCI_SKIN_COLUMNS_MAX];
     r->diagonal = (double)q->values[first];
@@ -477,7 +476,7 @@ static void move_slot(const sweep_job *job, size_t row, uint32_t slot, double we
     job->weights[at] = weight;
     job->moved[at] = (float)step;
     for (size_t k = 0; k < width; ++k) {
-        moved[k] = (float)(step * q->points[v * width + k]);
+        moved[k] = (float)(step * q->points[pci_skin_point_at(v, width) + k]);
     }
 }
 

@@ -47,7 +47,7 @@ typedef struct pci_skin_quadratic {
     uint32_t slots, widest; // now, and at first
     uint32_t width;         // numbers of x^
     const uint32_t *bones;  // #V by slots
-    const double *points;   // #V by width: x^
+    const double *points;   // x^, see pci_skin_point_at
     // Vertices in groups; groups of one colour share no entry of M.
     const uint32_t *members; // #V
     uint32_t group_count;
@@ -75,16 +75,16 @@ static inline size_t pci_skin_group_begin(const pci_skin_quadratic *quadratic, s
     return begin < quadratic->vertex_count ? begin : quadratic->vertex_count;
 }
 
-// `scale`: factors of the losses; `diagonal` (#V): what else M / 2 has there. `points`, `gram` and
+// `scale`: factors of the losses; `diagonal`: what else M / 2 has there. `points`, `gram` and
 // `allowed` stay the caller's. False: out of memory.
 bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *problem,
                               const pci_skin_kernel *kernel, const double *points,
-                              const double scale[4], const double *diagonal, const double *gram,
+                              const double scale[4], double diagonal, const double *gram,
                               const uint32_t *allowed, pci_skin_quadratic *quadratic);
 
 // Other factors of the losses. False: out of memory.
 bool pci_skin_quadratic_weigh(pci_scratch *scratch, const pci_skin_problem *problem,
-                              const double scale[4], const double *diagonal,
+                              const double scale[4], double diagonal,
                               pci_skin_quadratic *quadratic);
 
 // Takes notice of other numbers in G, or other slots.

@@ -10,8 +10,9 @@
 /// beneath the hem of a layer that hangs over another, are kept as well.
 /// Where the labels keep both sides of a sheet (a tenth of the area or more lies back to back
 /// within half a voxel), the smaller side is cut off along the hem. A loop is a hole only if its
-/// part has twice the area of a disc of that circumference; the outer rim of a small part is never
-/// closed.
+/// part has twice the area of a disc of that circumference, so that the outer rim of a small part is
+/// never closed, and if the projected mesh goes on across it (no farther from its middle than half
+/// its mean radius), so that the space beside a strap stays open.
 ///
 /// DEVIATION: cloth that is modelled with its thickness, a closed shell of two skins up to four
 /// voxels apart with a rim between them, counts as its outer skin (the larger one). Components that
@@ -21,9 +22,10 @@
 /// DEVIATION: a garment that is one clean sheet already (many simulation garments are) needs no
 /// labels: the projected mesh can only be farther from it, and closes gaps below two voxels. With
 /// `layer_source` auto what counts of the visual mesh is taken itself, repaired to a manifold and
-/// with holes of less than 3 voxels around filled, when each of its parts has a border, no two
-/// parts come within a voxel of each other, every visual vertex is within a voxel (and the
-/// thickness of a shell) of it, and
+/// with holes of less than 3 voxels around and missing faces (up to six edges around, flat, a
+/// hundredth of the part at most) filled, when each of its parts has a border, no two parts come
+/// within a voxel of each other, every visual vertex is within a voxel (and the thickness of a
+/// shell) of it, and
 /// - at most 2 % of its area sees another sheet within a voxel, or
 /// - it is folded: as much of it sees a back behind it within a voxel as a front before it (up to
 ///   5 % of the area, or twice as much; a lining shows backs only), 15 % at most, and the labels

@@ -179,9 +179,9 @@ static pc_status extract(const carve_job *job, const pci_bvh *visual, const pci_
     if (!pci_progress(context, stage, 0.3)) {
         return pci_fail_cancelled(context, stage);
     }
-    return pci_fill_loops(scratch, layer, job->options->fill_loops, INFINITY, &report->filled_loops)
-               ? PC_OK
-               : pci_fail_memory(context, stage);
+    const pci_hole_limits holes = {
+        .most_edges = job->options->fill_loops, .longest = INFINITY, .whole = job->projected};
+    return pci_fill_loops(scratch, stage, layer, &holes, &report->filled_loops);
 }
 
 static pc_status cut(const carve_job *job, const pci_bvh *visual, const pci_rims *rims,

@@ -5,11 +5,22 @@
 #include "core/core.h"
 #include "proxycloth/mesh.h"
 
-// Closes the boundary loops of at most `most_edges` edges that are not longer than `longest`, with
-// a fan around their mean or with one triangle. A loop that bounds its part from outside stays: the
-// part needs twice the area of a disc of that circumference. `filled` is added to. The mesh must be
-// manifold. False: out of memory.
-bool pci_fill_loops(pci_scratch *scratch, pc_mesh *mesh, size_t most_edges, double longest,
-                    uint64_t *filled);
+// Which loops are holes.
+typedef struct pci_hole_limits {
+    size_t most_edges; // of a loop
+    double longest;    // way around it
+    // What a layer was cut from goes on across a hole, not across an opening; NULL: not asked.
+    const pc_mesh *whole;
+    // Also longer loops where a few faces are missing: up to six edges, flat, small beside the
+    // part.
+    bool missing_faces;
+} pci_hole_limits;
+
+// Closes boundary loops that are holes, with a fan around their mean or with one triangle. A loop
+// that bounds its part from outside stays: the part needs twice the area of a disc of that
+// circumference. `filled` is added to. The mesh must be manifold.
+// Returns PC_OK, PC_ERROR_OUT_OF_MEMORY or PC_ERROR_DEPENDENCY.
+pc_status pci_fill_loops(pci_scratch *scratch, const char *stage, pc_mesh *mesh,
+                         const pci_hole_limits *limits, uint64_t *filled);
 
 #endif

@@ -191,12 +191,15 @@ pc_status pci_visual_cloth(pci_scratch *scratch, const char *stage, const pc_mes
 
 static pc_status begin_layer(pci_scratch *scratch, const char *stage, const pc_mesh *cloth,
                              double cell_size, pc_mesh *layer, uint64_t *filled_loops) {
-    if (!pci_mesh_compact(scratch, cloth, NULL, layer, NULL) ||
-        !pci_fill_loops(scratch, layer, SIZE_MAX, smallest_opening * cell_size, filled_loops)) {
+    const pci_hole_limits holes = {
+        .most_edges = SIZE_MAX, .longest = smallest_opening * cell_size, .missing_faces = true};
+    const pc_status status = pci_mesh_compact(scratch, cloth, NULL, layer, NULL)
+                                 ? pci_fill_loops(scratch, stage, layer, &holes, filled_loops)
+                                 : pci_fail_memory(scratch->context, stage);
+    if (status != PC_OK) {
         pc_mesh_free(scratch->context, layer);
-        return pci_fail_memory(scratch->context, stage);
     }
-    return PC_OK;
+    return status;
 }
 
 pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mesh *surface,

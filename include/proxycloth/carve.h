@@ -47,10 +47,11 @@
 /// Openings narrower than two voxels (cuffs, a neckline, the foot of a leg) are closed in the
 /// iso-surface. Always on: a part of the layer that leaves the visual mesh sideways by more than
 /// `carve_distance`, around which the visual mesh ends (rims on at least 9 of 12 sides, with the
-/// cloth not amid them), and behind which there is no other cloth within 1.5 voxels, is such a
-/// membrane and is cut out along the isoline of that distance. What bridges two surfaces, as
-/// between the legs or from a pocket to the coat, has no such rim around it and stays, as does what
-/// holds the layer together.
+/// cloth not amid them), and behind which there is no other cloth within 1.5 voxels, nor within 3
+/// cloth that the layer leaves out, as at the bottom of a pouch or a rivet, is such a membrane and
+/// is cut out along the isoline of that distance. What bridges two surfaces, as between the legs or
+/// from a pocket to the coat, has no such rim around it and stays, as does what holds the layer
+/// together.
 ///
 /// DEVIATION: such webs, more than half a voxel away from the cloth, are replaced by the walls of
 /// the gap that they bridge, where the other side of the projected mesh shows these as one piece

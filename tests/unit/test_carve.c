@@ -327,6 +327,56 @@ static void opens_narrow_tubes(void **state) {
     pc_context_destroy(context);
 }
 
+// An open tube stands on a sheet, and the layer goes over it: as a pouch or a rivet on a belt. To
+// cut its mouth open would leave a hole in the belt. Without the sheet it is a sleeve.
+static void keeps_cups_closed(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    for (int cup = 0; cup < 2; ++cup) {
+        pc_mesh tube = test_tube(context, 24, 12, 0.9, 2.5), base = {0}, layer = {0};
+        pc_mesh sheet = test_sheet(context, 12, 12, 6.0, 6.0);
+        pc_mesh rod = shape_box(context, 16, 12, 16);
+        pc_labels labels = make_labels(context, rod.vertex_count, 1);
+        for (size_t v = 0; v < sheet.vertex_count; ++v) { // flat on the ground
+            double *p = &sheet.positions[3 * v];
+            p[2] = p[1] - 3.0, p[0] -= 3.0, p[1] = 0.0;
+        }
+        for (size_t v = 0; v < rod.vertex_count; ++v) { // from a square to a disc
+            double *p = &rod.positions[3 * v];
+            const double x = 0.125 * p[0] - 1.0, z = 0.125 * p[2] - 1.0;
+            const double square = fmax(fabs(x), fabs(z)), length = sqrt(x * x + z * z);
+            const double scale = length > 0.0 ? 0.9 * square / length : 0.0;
+            p[0] = scale * x, p[1] *= 2.5 / 12.0, p[2] = scale * z;
+        }
+        size_t kept = 0;
+        for (size_t t = 0; t < rod.triangle_count; ++t) { // no bottom
+            const uint32_t *c = &rod.triangles[3 * t];
+            if (rod.positions[3 * (size_t)c[0] + 1] + rod.positions[3 * (size_t)c[1] + 1] +
+                    rod.positions[3 * (size_t)c[2] + 1] >
+                0.0) {
+                memmove(&rod.triangles[3 * kept++], c, 3 * sizeof(*c));
+            }
+        }
+        rod.triangle_count = kept;
+        pc_mesh visual = test_union(context, &tube, cup == 1 ? &sheet : &base, (double[3]){0.0});
+        pc_carve_report report = {0};
+        pc_carve_options options = labels_only();
+        assert_ok(context,
+                  pc_carve(context, &visual, &rod, &labels, 1.0, &options, &layer, &report));
+        check_layer(context, &layer, &report);
+        assert_int_equal(report.components, 1);
+        assert_int_equal(report.carved_regions, 1 - cup);
+        assert_int_equal(report.boundary_loops, 2 - cup);
+        pc_mesh_free(context, &layer);
+        pc_mesh_free(context, &visual);
+        pc_labels_free(context, &labels);
+        pc_mesh_free(context, &rod);
+        pc_mesh_free(context, &sheet);
+        pc_mesh_free(context, &tube);
+    }
+    pc_context_destroy(context);
+}
+
 // A closed skin around two parallel tubes bridges the gap between them: no rim, no membrane.
 static void keeps_webs(void **state) {
     (void)state;
@@ -646,6 +696,7 @@ int main(void) {
         cmocka_unit_test(survives_random_labels),
         cmocka_unit_test(carves_the_gap_between_sheets),
         cmocka_unit_test(opens_narrow_tubes),
+        cmocka_unit_test(keeps_cups_closed),
         cmocka_unit_test(keeps_webs),
         cmocka_unit_test(keeps_webs_around_leaves),
         cmocka_unit_test(refines_triangles_without_area),

@@ -20,6 +20,10 @@ static const double most_towards = 0.5;
 // A web from the hem of one layer to the layer beneath is framed by rims, too, but has cloth behind
 // it, for most of its area within so many voxels; an opening has not.
 static const double behind = 1.5;
+// A cup on the cloth, as a pouch or a rivet, is no opening either: the first cloth in it, up to so
+// many voxels deep, is what the layer left out to go over it. The layer is neither so near to that
+// on the way in, nor so near beside.
+static const double deepest_cup = 3.0, left_out = 0.5, left_out_beside = 0.2;
 // What a region must be to go.
 typedef struct demands {
     double fineness; // the layer is refined to edges of so many thresholds first
@@ -107,15 +111,40 @@ static void area_vector(const pci_halfedge *mesh, size_t triangle, const double 
     pci_cross(u, v, normal);
 }
 
-static bool is_backed(const pci_isoline *o, const double *const corners[3], const double normal[3],
-                      double depth) {
-    double middle[3], direction[3] = {-normal[0], -normal[1], -normal[2]};
+// What is known of the cloth behind membranes.
+typedef struct backing {
+    const pci_isoline *outline;
+    const uint32_t *regions; // #F
+    const uint8_t *asked;    // #regions
+    const pci_bvh *layer;    // NULL: cups do not count
+    double cell_size;
+    uint8_t *backed; // #F
+} backing;
+
+static bool is_backed(const backing *b, const double *const corners[3], const double normal[3]) {
+    double middle[3], direction[3] = {-normal[0], -normal[1], -normal[2]}, met[3];
     for (size_t k = 0; k < 3; ++k) {
         middle[k] = (corners[0][k] + corners[1][k] + corners[2][k]) / 3.0;
     }
-    return pci_normalize(direction) &&
-           pci_bvh_cast(o->visual, middle, direction, 0.0, depth, NULL, NULL).triangle !=
-               PC_INVALID_INDEX;
+    if (!pci_normalize(direction)) {
+        return false;
+    }
+    const pci_hit hit = pci_bvh_cast(b->outline->visual, middle, direction, 0.0,
+                                     deepest_cup * b->cell_size, NULL, NULL);
+    if (hit.triangle == PC_INVALID_INDEX || hit.distance <= behind * b->cell_size) {
+        return hit.triangle != PC_INVALID_INDEX;
+    }
+    if (b->layer == NULL) {
+        return false;
+    }
+    for (size_t k = 0; k < 3; ++k) {
+        met[k] = middle[k] + hit.distance * direction[k];
+    }
+    const double window = left_out * b->cell_size;
+    return !pci_bvh_within(b->layer, met, left_out_beside * b->cell_size) &&
+           pci_bvh_cast(b->layer, middle, direction, hit.distance - window, hit.distance + window,
+                        NULL, NULL)
+                   .triangle == PC_INVALID_INDEX;
 }
 
 static void measure_extent(const pci_isoline *o, const uint32_t *of, region *regions,
@@ -256,14 +285,6 @@ static bool measure_frame(const pci_isoline *o, const pci_rims *rims, double sla
     return true;
 }
 
-typedef struct backing {
-    const pci_isoline *outline;
-    const uint32_t *regions; // #F
-    const uint8_t *asked;    // #regions
-    double depth;
-    uint8_t *backed; // #F
-} backing;
-
 static void find_backed(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const backing *b = user;
@@ -273,7 +294,7 @@ static void find_backed(void *user, size_t begin, size_t end, uint32_t worker) {
             const double *corners[3];
             double normal[3];
             area_vector(mesh, t, corners, normal);
-            b->backed[t] = is_backed(b->outline, corners, normal, b->depth);
+            b->backed[t] = is_backed(b, corners, normal);
         }
     }
 }
@@ -281,9 +302,10 @@ static void find_backed(void *user, size_t begin, size_t end, uint32_t worker) {
 // Measures how much of the regions that are asked for has cloth behind it. False: out of memory, or
 // cancelled.
 static bool measure_backing(const pci_isoline *o, const uint32_t *of, const uint8_t *asked,
-                            double depth, region *regions) {
+                            const pci_bvh *layer, double cell_size, region *regions) {
     const pci_halfedge *mesh = &o->mesh;
-    backing b = {o, of, asked, depth, PCI_SCRATCH(mesh->scratch, uint8_t, mesh->triangle_count)};
+    backing b = {o,     of,        asked,
+                 layer, cell_size, PCI_SCRATCH(mesh->scratch, uint8_t, mesh->triangle_count)};
     if (b.backed == NULL || !pci_parallel_while_wanted(mesh->scratch->context, mesh->triangle_count,
                                                        grain, find_backed, &b)) {
         return false;
@@ -389,6 +411,7 @@ static double area_held(const patches *p, const uint8_t *keep, uint32_t middle) 
 // What a pass works with.
 typedef struct cutting {
     const pci_bvh *visual;
+    const pci_bvh *layer; // of the second pass
     const pci_rims *rims;
     pci_outline_mode mode;
     double threshold, cell_size;
@@ -440,7 +463,7 @@ static bool choose_triangles(const pci_isoline *o, const uint32_t *of, cutting *
         removed[i] = may_go(&c->regions[i], c->mode, c->threshold, c->least);
     }
     if (c->mode == PCI_OUTLINE_MEMBRANES) {
-        if (!measure_backing(o, of, removed, behind * c->cell_size, c->regions)) {
+        if (!measure_backing(o, of, removed, c->layer, c->cell_size, c->regions)) {
             return false;
         }
         for (size_t i = 0; i < c->region_count; ++i) {
@@ -555,8 +578,19 @@ pc_status pci_cut_outline(pci_scratch *scratch, const char *stage, const pci_bvh
     if (candidates.point_count == 0) {
         return PC_OK;
     }
+    pci_bvh *bvh = NULL;
+    if (mode == PCI_OUTLINE_MEMBRANES) {
+        const pc_status status = pci_bvh_create(context, stage, layer, &bvh);
+        if (status != PC_OK) {
+            return status;
+        }
+    }
     c.least = &of_membranes;
-    if (!find_regions(&c, &candidates, &closer, beyond * cell_size, scratch, layer, &o)) {
+    c.layer = bvh;
+    const bool chosen =
+        find_regions(&c, &candidates, &closer, beyond * cell_size, scratch, layer, &o);
+    pci_bvh_destroy(context, bvh);
+    if (!chosen) {
         return pci_fail_memory(context, stage);
     }
     uint64_t removed = 0;

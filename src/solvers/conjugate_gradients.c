@@ -1,52 +1,70 @@
 #include "solvers/conjugate_gradients.h"
 
-enum { MOST_COLUMNS = 3 };
+// Numbers are summed in so many places by turns, so that no sum waits for the one before it; those
+// of one column, of 1 or 3, always in the same ones.
+enum { MOST_COLUMNS = 3, PLACES = 12 };
 
-// Each column is summed in the order of the rows.
-static inline void dot(size_t size, size_t columns, const double *a, const double *b,
-                       double *sums) {
-    double sum[MOST_COLUMNS] = {0.0};
-    for (size_t i = 0; i < size; ++i) {
-        for (size_t c = 0; c < columns; ++c) {
-            sum[c] += a[columns * i + c] * b[columns * i + c];
-        }
+static void add_places(const double *places, size_t columns, double *sums) {
+    memset(sums, 0, columns * sizeof(*sums));
+    for (size_t i = 0; i < PLACES; ++i) {
+        sums[i % columns] += places[i];
     }
-    memcpy(sums, sum, columns * sizeof(*sums));
 }
 
-// Moves x along the direction, and the residual with it; returns the latter's squares.
-static inline void move(size_t size, size_t columns, const double *steps, const double *direction,
-                        const double *image, double *x, double *residual, double *squares) {
-    double sum[MOST_COLUMNS] = {0.0};
-    for (size_t i = 0; i < size; ++i) {
-        for (size_t c = 0; c < columns; ++c) {
-            const size_t k = columns * i + c;
-            x[k] += steps[c] * direction[k];
-            residual[k] -= steps[c] * image[k];
-            sum[c] += residual[k] * residual[k];
-        }
+static void spread(const double *values, size_t columns, double *places) {
+    for (size_t i = 0; i < PLACES; ++i) {
+        places[i] = values[i % columns];
     }
-    memcpy(squares, sum, columns * sizeof(*squares));
 }
 
-static inline void turn(size_t size, size_t columns, const double *shares, const double *residual,
-                        double *direction) {
-    for (size_t i = 0; i < size; ++i) {
-        for (size_t c = 0; c < columns; ++c) {
-            const size_t k = columns * i + c;
-            direction[k] = residual[k] + shares[c] * direction[k];
+static void dot(size_t size, size_t columns, const double *a, const double *b, double *sums) {
+    double places[PLACES] = {0.0};
+    for (size_t i = 0; i < size; i += PLACES) {
+        const size_t count = size - i < PLACES ? size - i : PLACES;
+        for (size_t k = 0; k < count; ++k) {
+            places[k] += a[i + k] * b[i + k];
+        }
+    }
+    add_places(places, columns, sums);
+}
+
+// Moves x along the direction, and the residual with it; tells the latter's squares.
+static void move(size_t size, size_t columns, const double *steps, const double *restrict direction,
+                 const double *restrict image, double *restrict x, double *restrict residual,
+                 double *squares) {
+    double places[PLACES] = {0.0}, step[PLACES];
+    spread(steps, columns, step);
+    for (size_t i = 0; i < size; i += PLACES) {
+        const size_t count = size - i < PLACES ? size - i : PLACES;
+        for (size_t k = 0; k < count; ++k) {
+            x[i + k] += step[k] * direction[i + k];
+            residual[i + k] -= step[k] * image[i + k];
+            places[k] += residual[i + k] * residual[i + k];
+        }
+    }
+    add_places(places, columns, squares);
+}
+
+static void turn(size_t size, size_t columns, const double *shares, const double *restrict residual,
+                 double *restrict direction) {
+    double share[PLACES];
+    spread(shares, columns, share);
+    for (size_t i = 0; i < size; i += PLACES) {
+        const size_t count = size - i < PLACES ? size - i : PLACES;
+        for (size_t k = 0; k < count; ++k) {
+            direction[i + k] = residual[i + k] + share[k] * direction[i + k];
         }
     }
 }
 
 // A column that has ended stays where it is: its steps are 0.
-static inline bool run(pc_context *context, const pci_conjugate_gradients *system, size_t columns,
-                       double *residual, double *work, double *x) {
-    const size_t n = system->size;
-    double *direction = work, *image = work + columns * n;
+bool pci_conjugate_gradients_run(pc_context *context, const pci_conjugate_gradients *system,
+                                 double *residual, double *work, double *x) {
+    const size_t columns = system->columns, n = columns * system->size;
+    double *direction = work, *image = work + n;
     double square[MOST_COLUMNS], enough[MOST_COLUMNS];
     bool ended[MOST_COLUMNS] = {false};
-    memcpy(direction, residual, columns * n * sizeof(*direction));
+    memcpy(direction, residual, n * sizeof(*direction));
     dot(n, columns, residual, residual, square);
     for (size_t c = 0; c < columns; ++c) {
         enough[c] = system->tolerance * system->tolerance * square[c];
@@ -78,10 +96,4 @@ static inline bool run(pc_context *context, const pci_conjugate_gradients *syste
         turn(n, columns, steps, residual, direction);
     }
     return true;
-}
-
-bool pci_conjugate_gradients_run(pc_context *context, const pci_conjugate_gradients *system,
-                                 double *residual, double *work, double *x) {
-    return system->columns == 1 ? run(context, system, 1, residual, work, x)
-                                : run(context, system, MOST_COLUMNS, residual, work, x);
 }

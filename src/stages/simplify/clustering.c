@@ -22,6 +22,7 @@ typedef struct clustering {
     uint32_t *pieces, *queue, *heaviest; // #V, #V, per cluster: work space of attach_orphans
     double *piece_masses;                // #V
     double origin[3];                    // positions count from here, against cancellation
+    bool careful;                        // exchanges tear no cluster
 } clustering;
 
 // ---- seeds --------------------------------------------------------------------------------------
@@ -174,6 +175,22 @@ static void sum_clusters(clustering *c) {
     }
 }
 
+// Whether the cluster of vertex v may fall apart without it: its other vertices around v are not
+// all next to each other.
+static bool may_tear(const clustering *c, size_t v) {
+    const pci_fans *fans = c->fans;
+    const uint32_t own = c->cluster[v];
+    size_t runs = 0;
+    bool inside = !pci_is_border_vertex(c->mesh, (uint32_t)v) &&
+                  c->cluster[fans->ends[fans->offsets[v + 1] - 1]] == own;
+    for (size_t k = fans->offsets[v]; k < fans->offsets[v + 1]; ++k) {
+        const bool was_inside = inside;
+        inside = c->cluster[fans->ends[k]] == own;
+        runs += inside && !was_inside;
+    }
+    return runs > 1;
+}
+
 // Change of the energy when vertex v leaves cluster `from` for cluster `to`.
 static double exchange_cost(const clustering *c, size_t v, size_t from, size_t to) {
     const double w = c->weights[v], mass_from = c->masses[from], mass_to = c->masses[to];
@@ -188,7 +205,8 @@ static double exchange_cost(const clustering *c, size_t v, size_t from, size_t t
         left += a * a;
         joined += b * b;
     }
-    return w * (mass_to / (mass_to + w) * joined - mass_from / (mass_from - w) * left);
+    const double cost = w * (mass_to / (mass_to + w) * joined - mass_from / (mass_from - w) * left);
+    return cost < 0.0 && c->careful && may_tear(c, v) ? HUGE_VAL : cost;
 }
 
 static void exchange(clustering *c, size_t v, size_t from, size_t to, uint32_t pass) {
@@ -313,11 +331,12 @@ static bool run(clustering *c, uint32_t first, uint32_t passes, uint64_t *iterat
         return false;
     }
     memcpy(c->origin, c->mesh->positions, sizeof(c->origin));
-    // Exchanges look at energies only, so they may tear a cluster; pieces are handed over whenever
-    // the exchanges rest, and at the end.
+    // Exchanges look at energies only at first, so they may tear a cluster; pieces are handed over
+    // whenever the exchanges rest, and at the end. They would take some back again and again.
     size_t orphans = 1;
     uint32_t pass = 1;
-    while (orphans > 0 && pass <= passes) {
+    for (size_t round = 0; orphans > 0 && pass <= passes; ++round) {
+        c->careful = round > 1;
         sum_clusters(c);
         for (size_t i = 0; i < c->all; ++i) {
             c->modified[i] = pass;

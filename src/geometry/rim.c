@@ -4,7 +4,7 @@
 
 #include "geometry/topology.h"
 
-enum { most_triangles = 2048, most_candidates = 1 << 16, edge_grain = 64 };
+enum { most_triangles = 2048, most_candidates = 1 << 15, edge_grain = 64 };
 
 // Sums of whole numbers do not depend on the order of the triangles, which the tree decides.
 typedef struct ball {

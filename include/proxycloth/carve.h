@@ -6,8 +6,9 @@
 /// of the visual mesh that they do not cover, but small parts do, for a quarter: a stud, a loose
 /// strap.
 /// Shallow strips of the outside that the labels leave out (nowhere farther than 3 voxels from
-/// their border, a quarter of which is farther than 1.5 voxels from all rims of the garment), as
-/// beneath the hem of a layer that hangs over another, are kept as well.
+/// their border, a tenth of which is farther than 1.5 voxels from all rims of the garment, and of
+/// less than a tenth of the kept area), as beneath the hem of a layer that hangs over another or on
+/// top of a leaf, are kept as well.
 /// Where the labels keep both sides of a sheet (a tenth of the area or more lies back to back
 /// within half a voxel), the smaller side is cut off along the hem. A loop is a hole only if its
 /// part has twice the area of a disc of that circumference, so that the outer rim of a small part is

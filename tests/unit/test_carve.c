@@ -1,6 +1,7 @@
 #include "support/test.h"
 
 #include "geometry/topology.h"
+#include "stages/carve/dents.h"
 #include "support/manifold.h"
 #include "support/memory.h"
 #include "support/shapes.h"
@@ -74,6 +75,46 @@ static void keeps_triangles_with_two_labels(void **state) {
     pc_mesh_free(context, &layer);
     pc_labels_free(context, &labels);
     pc_mesh_free(context, &ball);
+    pc_context_destroy(context);
+}
+
+// A rectangle that the labels leave out is a dent unless nearly all of its border is a rim, or it
+// is a large part of all.
+static void keeps_dents(void **state) {
+    (void)state;
+    enum { columns = 40, rows = 40, from = 16, to = 22 };
+    const struct {
+        size_t rims, length; // with 11 rims, four fifths of the border are near one
+        bool dent;
+    } cases[] = {{0, 12, true}, {11, 12, true}, {18, 12, false}, {0, 40, false}};
+    pc_context *context = test_context(1);
+    pci_scratch scratch = pci_scratch_begin(context);
+    const pc_mesh sheet = test_sheet(context, columns, rows, columns, rows);
+    uint8_t keep[2 * columns * rows];
+    for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); ++i) {
+        double rims[3 * 4 * columns] = {0.0};
+        size_t count = 0, left_out = 0;
+        for (size_t t = 0; t < sheet.triangle_count; ++t) {
+            const size_t column = t / 2 % columns, row = t / 2 / columns;
+            keep[t] = row < from || row >= to || column >= cases[i].length;
+        }
+        for (size_t x = 0; x < cases[i].rims; ++x) {
+            const double along = fmin((double)x, (double)cases[i].length);
+            const double across = (double)x - along; // both long sides, and the end between them
+            rims[3 * count] = along, rims[3 * count++ + 1] = from + across;
+            rims[3 * count] = along, rims[3 * count++ + 1] = to - across;
+        }
+        pci_knn points;
+        assert_true(pci_knn_build(&scratch, count, rims, &points));
+        assert_true(pci_keep_dents(&scratch, &sheet, &points, 1.0, keep));
+        for (size_t t = 0; t < sheet.triangle_count; ++t) {
+            left_out += !keep[t];
+        }
+        assert_int_equal(left_out, cases[i].dent ? 0 : 2 * cases[i].length * (to - from));
+    }
+    pc_mesh left = sheet;
+    pc_mesh_free(context, &left);
+    pci_scratch_end(&scratch);
     pc_context_destroy(context);
 }
 
@@ -690,6 +731,7 @@ static void rejects_bad_arguments(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(keeps_triangles_with_two_labels),
+        cmocka_unit_test(keeps_dents),
         cmocka_unit_test(fills_short_holes_only),
         cmocka_unit_test(drops_small_parts),
         cmocka_unit_test(keeps_one_side_of_a_sheet),

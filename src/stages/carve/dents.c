@@ -3,13 +3,14 @@
 #include "core/union_find.h"
 #include "geometry/topology.h"
 
-// No point of a dent is farther than so many voxels from its border, and so much of the border at
-// most is within so many voxels of a rim.
-static const double half_width = 3.0, most_rim = 0.75, rim_voxels = 1.5;
+// No point of a dent is farther than so many voxels from its border, so much of the border at most
+// is within so many voxels of a rim, as all of it is around an opening, and a dent has at most so
+// much of the area of what is kept.
+static const double half_width = 3.0, most_rim = 0.9, rim_voxels = 1.5, most_share = 0.1;
 
 // A connected piece of what the labels leave out.
 typedef struct piece {
-    double border, rim; // rim: length of the border near a rim
+    double area, border, rim; // rim: length of the border near a rim
     bool wide;
 } piece;
 
@@ -50,7 +51,9 @@ static size_t measure_borders(const pc_mesh *mesh, const pci_topology *topology,
     return count;
 }
 
-static bool may_be_dent(const piece *p) { return p->rim < most_rim * p->border && !p->wide; }
+static bool may_be_dent(const piece *p, double kept) {
+    return p->rim < most_rim * p->border && p->area < most_share * kept && !p->wide;
+}
 
 bool pci_keep_dents(pci_scratch *scratch, const pc_mesh *projected, const pci_knn *rims,
                     double cell_size, uint8_t *keep) {
@@ -73,16 +76,21 @@ bool pci_keep_dents(pci_scratch *scratch, const pc_mesh *projected, const pci_kn
     if (!pci_knn_build(scratch, count, points, &borders)) {
         return false;
     }
+    double kept = 0.0;
+    for (uint32_t t = 0; t < triangles; ++t) {
+        double *area = keep[t] ? &kept : &pieces[pci_find_root(of, t)].area;
+        *area += pci_triangle_area(projected, t);
+    }
     for (uint32_t t = 0; t < triangles; ++t) {
         piece *p = &pieces[pci_find_root(of, t)];
         double middle[3];
-        if (!keep[t] && may_be_dent(p)) {
+        if (!keep[t] && may_be_dent(p, kept)) {
             pci_triangle_middle(projected, t, middle);
             p->wide = !pci_knn_within(&borders, middle, half_width * cell_size, NULL);
         }
     }
     for (uint32_t t = 0; t < triangles; ++t) {
-        keep[t] = keep[t] || may_be_dent(&pieces[pci_find_root(of, t)]);
+        keep[t] = keep[t] || may_be_dent(&pieces[pci_find_root(of, t)], kept);
     }
     return true;
 }

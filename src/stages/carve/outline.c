@@ -16,7 +16,7 @@ static const double sag = 1.0;
 // and the body may have the cuff on one side.
 enum { sectors = 12 };
 // Cosine between the way from a rim into the cloth and that to the middle of a membrane, at most.
-static const double most_towards = 0.5;
+static const double most_towards = 0.7;
 // A web from the hem of one layer to the layer beneath is framed by rims, too, but has cloth behind
 // it, for most of its area within so many voxels; an opening has not.
 static const double behind = 1.5;
@@ -55,6 +55,7 @@ typedef struct region {
     double backed;    // area with other cloth close behind it
     double reach;     // largest distance
     uint32_t sectors; // bit i: in this direction from the centre the region ends at a rim
+    uint32_t amid;    // bit i: likewise, but the cloth at that rim lies towards the centre
     bool bordering;   // part of the border of the layer
     bool fringe;      // near the border of the layer
 } region;
@@ -174,7 +175,7 @@ static void measure_extent(const pci_isoline *o, const uint32_t *of, region *reg
 }
 
 // Marks the sector of the region's plane in which a point lies.
-static void mark_sector(region *r, const double point[3]) {
+static void mark_sector(const region *r, const double point[3], uint32_t *marks) {
     double n[3] = {r->normal[0], r->normal[1], r->normal[2]}, x[3] = {0.0, 0.0, 0.0}, y[3], away[3];
     if (!pci_normalize(n)) {
         return;
@@ -186,7 +187,7 @@ static void mark_sector(region *r, const double point[3]) {
     pci_cross(y, n, x);
     pci_sub(point, r->centre, away);
     const double turn = 0.5 + atan2(pci_dot(away, y), pci_dot(away, x)) / (2.0 * pi);
-    r->sectors |= UINT32_C(1) << ((uint32_t)(turn * sectors) % sectors);
+    *marks |= UINT32_C(1) << ((uint32_t)(turn * sectors) % sectors);
 }
 
 // Whether the surface at a rim does not lie towards the middle of the region: of an opening it lies
@@ -274,12 +275,14 @@ static bool measure_frame(const pci_isoline *o, const pci_rims *rims, double sla
         const frame_point *p = &f.points[i];
         region *r = &regions[of[p->halfedge / 3]];
         if (mesh->twins[p->halfedge] == PC_INVALID_INDEX) {
-            mark_sector(r, &mesh->positions[3 * (size_t)pci_origin(mesh, p->halfedge)]);
+            mark_sector(r, &mesh->positions[3 * (size_t)pci_origin(mesh, p->halfedge)],
+                        &r->sectors);
             r->bordering = true;
         }
         r->fringe = r->fringe || p->fringe;
-        if (p->rim != PC_INVALID_INDEX && is_around(r, rims, p->rim)) {
-            mark_sector(r, &rims->points.points[3 * (size_t)p->rim]);
+        if (p->rim != PC_INVALID_INDEX) {
+            mark_sector(r, &rims->points.points[3 * (size_t)p->rim],
+                        is_around(r, rims, p->rim) ? &r->sectors : &r->amid);
         }
     }
     return true;
@@ -325,7 +328,7 @@ static bool measure_backing(const pci_isoline *o, const uint32_t *of, const uint
 static bool may_go(const region *r, pci_outline_mode mode, double threshold, const demands *least) {
     uint32_t framed = 0;
     for (uint32_t i = 0; i < sectors; ++i) {
-        framed += r->sectors >> i & 1;
+        framed += (r->sectors & ~r->amid) >> i & 1;
     }
     return r->reach > least->reach * threshold &&
            (mode == PCI_OUTLINE_ALL || (framed >= least->framed && (r->bordering || !r->fringe)));

@@ -36,7 +36,7 @@
 ///   when each finds weights of its own. L_l = sum s_i |u_i(t) - u_p(i)(t)|^2 keeps them apart. It
 ///   counts the vertices that have another part, over the same proxy triangles or their neighbours,
 ///   nearer than half of l, the root mean square length of the edges; p(i) is its closest point and
-///   s_i = l min(l, l_i) / (d^2 + l^2 / 100), with the distance d at rest and the mean length l_i
+///   s_i = min(l, l_i)^2 / (d^2 + l^2 / 100), with the distance d at rest and the mean length l_i
 ///   of the edges at i. Parts may be sunk into each other at rest: where an edge passes through a
 ///   triangle, the points that meet there count in the same way, with d = 0 and the lesser l_i of
 ///   the edge's ends. Closest-triangle weights keep parts apart by themselves, being the same for

@@ -96,7 +96,8 @@ static bool passes_through(const double *from, const double *to, const double *c
 }
 
 // The sum over edges of triangles that pass through the other tube: how far apart the points that
-// meet there move, u (#V by `columns`), squared, weighed by the edges' lengths or equally.
+// meet there move, u (#V by `columns`), squared, weighed by the squares of the edges' lengths or
+// equally.
 static double change_of_crossings(const pc_mesh *both, const double *u, size_t columns,
                                   const double *lengths, double typical, size_t *count) {
     double total = 0.0;
@@ -125,7 +126,7 @@ static double change_of_crossings(const pc_mesh *both, const double *u, size_t c
                 squared += change * change;
             }
             const double length = lengths != NULL ? fmin(lengths[i], lengths[j]) : typical;
-            total += squared * fmin(typical, length);
+            total += squared * pow(fmin(typical, length), 2.0);
             ++*count;
         }
     }
@@ -174,11 +175,12 @@ static void check_ties(double outer, bool crossing) {
         for (size_t c = 0; c < 3; ++c) {
             change -= barycentric[c] * u[both.triangles[3 * t + c]];
         }
-        direct += typical * fmin(typical, lengths[v]) / (squared + 0.01 * typical * typical) *
+        direct += pow(fmin(typical, lengths[v]), 2.0) / (squared + 0.01 * typical * typical) *
                   change * change;
     }
     size_t count;
-    direct += change_of_crossings(&both, u, 1, lengths, typical, &count) / (0.01 * typical);
+    direct +=
+        change_of_crossings(&both, u, 1, lengths, typical, &count) / (0.01 * typical * typical);
     assert_true(crossing ? count > 100 : count == 0);
     assert_close(form, direct, 1e-9 * direct);
     free(lengths);

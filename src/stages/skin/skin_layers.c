@@ -61,7 +61,8 @@ static void hold_point(tie *t, size_t vertex, double share) {
 
 static double tie_stiffness(const tie_job *job, double squared_gap, double length) {
     const double floor = stiffness_floor * job->typical * job->typical;
-    return job->typical * fmin(job->typical, length) / (squared_gap + floor);
+    const double width = fmin(job->typical, length);
+    return width * width / (squared_gap + floor);
 }
 
 static void find_ties(void *user, size_t begin, size_t end, uint32_t worker) {

@@ -3,8 +3,9 @@
 // Where another part is near, a vertex is to move as the closest point p(i) of that part does:
 //   L_l = sum_t sum_i s_i |u_i(t) - u_p(i)(t)|^2 = <W, T W> in the metric of G,
 // with u_p(i) interpolated between the corners of its triangle. s_i counts the change of the gap by
-// the gap itself, as the stiffness of skin_internal.h does for edges, and less where edges are
-// short: buttons and buckles have many vertices on little cloth, which would bend them with it.
+// the gap itself, as the stiffness of skin_internal.h does for edges, and by the area around the
+// vertex where edges are short: buttons and buckles have many vertices on little cloth, which would
+// bend them with it.
 // At rest, parts may be sunk into each other: where an edge passes through a triangle, the two
 // points that meet there are tied likewise, with no gap. Else they would cross elsewhere.
 #ifndef PCI_SKIN_LAYERS_H

@@ -55,9 +55,10 @@
 /// together.
 ///
 /// DEVIATION: such webs, more than half a voxel away from the cloth, are replaced by the walls of
-/// the gap that they bridge, where the other side of the projected mesh shows these as one piece
-/// whose border runs along the web's: legs part at the crotch and sleeves at the armpit again. The
-/// inside of legs that the voxels fill does not show them; a finer grid does.
+/// the gap that they bridge, where the cloth, or else the other side of the projected mesh, shows
+/// these as one piece whose border runs along the web's: legs part at the crotch and sleeves at the
+/// armpit again. Cloth in loose triangles has no such pieces, and the inside of legs that the voxels
+/// fill does not show them: there a finer grid helps.
 ///
 /// With `carve` on, everything farther than `carve_distance` beside the visual mesh is cut away
 /// (section 5.1), so that separate parts can move freely.

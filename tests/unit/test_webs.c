@@ -56,38 +56,55 @@ static double bridged_share(pc_context *context, const pc_asset *asset) {
     return sum / pc_mesh_area(layer);
 }
 
+// The share that is left of webs between such legs; of loose triangles or not.
+static double left_between(pc_context *context, double radius, double apart, bool loose) {
+    pc_mesh mesh = sew_overall(context, radius, apart);
+    pc_asset asset = {0};
+    if (loose) {
+        sew_crack(context, &mesh, 2e-4);
+    }
+    run_to_layer(context, &mesh, &asset);
+    const double share = bridged_share(context, &asset);
+    pc_asset_free(context, &asset);
+    pc_mesh_free(context, &mesh);
+    return share;
+}
+
+// Also where the voxels fill the legs.
 static void parts_legs_up_to_the_crotch(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    static const double radii[] = {0.06, 0.08, 0.1, 0.12}, apart[] = {0.2, 0.3};
+    for (size_t i = 0; i < 8; ++i) {
+        assert_true(left_between(context, radii[i / 2], apart[i % 2], false) < 0.0001);
+    }
+    pc_context_destroy(context);
+}
+
+// The other side of the projected mesh has the walls.
+static void parts_legs_of_loose_triangles(void **state) {
     (void)state;
     pc_context *context = test_context(2);
     static const double radii[] = {0.1, 0.12}, apart[] = {0.2, 0.3};
     for (size_t i = 0; i < 4; ++i) {
-        pc_mesh mesh = sew_overall(context, radii[i / 2], apart[i % 2]);
-        pc_asset asset = {0};
-        run_to_layer(context, &mesh, &asset);
-        assert_true(bridged_share(context, &asset) < 0.0005);
-        pc_asset_free(context, &asset);
-        pc_mesh_free(context, &mesh);
+        assert_true(left_between(context, radii[i / 2], apart[i % 2], true) < 0.002);
     }
     pc_context_destroy(context);
 }
 
 // The voxels fill these legs: there are no walls to take, and the openings stay.
-static void leaves_filled_legs_alone(void **state) {
+static void leaves_filled_legs_of_loose_triangles(void **state) {
     (void)state;
     pc_context *context = test_context(2);
-    pc_mesh mesh = sew_overall(context, 0.08, 0.2);
-    pc_asset asset = {0};
-    run_to_layer(context, &mesh, &asset);
-    assert_true(bridged_share(context, &asset) > 0.005);
-    pc_asset_free(context, &asset);
-    pc_mesh_free(context, &mesh);
+    assert_true(left_between(context, 0.08, 0.2, true) > 0.005);
     pc_context_destroy(context);
 }
 
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(parts_legs_up_to_the_crotch),
-        cmocka_unit_test(leaves_filled_legs_alone),
+        cmocka_unit_test(parts_legs_of_loose_triangles),
+        cmocka_unit_test(leaves_filled_legs_of_loose_triangles),
     };
     return cmocka_run_group_tests_name("webs", tests, NULL, NULL);
 }

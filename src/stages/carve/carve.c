@@ -76,6 +76,9 @@ static const double rim_spacing = 0.25; // in voxels
 // of the rest, within so many voxels of each other; less than this share of the area is noise at
 // hems.
 static const double both_sides_reach = 0.5, least_both_sides = 0.1;
+// Where the walls of gaps may begin (stages/carve/webs.h): those of narrow legs have few triangles,
+// which cut corners.
+enum { cloth_rings = 4, projected_rings = 2 };
 
 // What a single layer is made of.
 typedef struct carve_job {
@@ -225,30 +228,25 @@ static bool find_bridges(pci_scratch *scratch, const pci_bvh *cloth, const pc_me
     return true;
 }
 
-// Mends what webs it can: the layer keeps its shape.
+// Mends what webs it can, from the cloth or else the other side of the projected mesh: the layer
+// keeps its shape.
 static pc_status mend_bridges(const carve_job *job, const pci_bvh *visual, uint8_t *away,
                               pc_mesh *layer) {
     pci_scratch *scratch = job->scratch;
-    const pc_mesh *projected = job->projected;
-    const double cell_size = job->cell_size;
+    pc_mesh turned = {0};
     const uint8_t *kept = kept_triangles(job);
-    if (kept == NULL) {
+    if (kept == NULL || !pci_mesh_compact(scratch, job->cloth, NULL, &turned, NULL)) {
         return pci_fail_memory(scratch->context, stage);
     }
-    bool mended = false;
-    double left = 0.0;
-    pc_status status =
-        pci_mend_webs(scratch, stage, projected, kept, away, cell_size, true, layer, &mended);
-    if (status == PC_OK && mended) {
-        status = find_bridges(scratch, visual, layer, cell_size, &away, &left)
-                     ? PC_OK
-                     : pci_fail_memory(scratch->context, stage);
+    pc_status status = pci_face_like(scratch, stage, layer, true, &turned);
+    if (status == PC_OK) {
+        status = pci_mend_webs(scratch, stage, visual, &turned, NULL, cloth_rings, job->cell_size,
+                               &away, layer);
     }
-    if (status == PC_OK && left > 0.0) {
-        status =
-            pci_mend_webs(scratch, stage, projected, kept, away, cell_size, false, layer, &mended);
-    }
-    return status;
+    pc_mesh_free(scratch->context, &turned);
+    return status == PC_OK ? pci_mend_webs(scratch, stage, visual, job->projected, kept,
+                                           projected_rings, job->cell_size, &away, layer)
+                           : status;
 }
 
 // The labelled side of the projected mesh, cut along the outline.
@@ -297,7 +295,7 @@ static pc_status take_visual(const carve_job *job, uint64_t filled, pc_mesh *vis
     }
     pc_status status = labelled_side(job, &side);
     if (status == PC_OK && side.triangle_count > 0) {
-        status = pci_face_like(job->scratch, stage, &side, layer);
+        status = pci_face_like(job->scratch, stage, &side, false, layer);
     }
     pc_mesh_free(context, &side);
     return status == PC_OK ? measure(job, layer, report) : status;

@@ -250,7 +250,7 @@ pc_status pci_tailored_layer(pci_scratch *scratch, const char *stage, const pc_m
     uint32_t *seen = NULL;
     pc_status status = begin_layer(scratch, stage, cloth, cell_size, layer, filled_loops);
     if (status == PC_OK && layer->triangle_count > 0) {
-        status = pci_face_like(scratch, stage, side, layer);
+        status = pci_face_like(scratch, stage, side, false, layer);
     }
     if (status == PC_OK && layer->triangle_count > 0) {
         status = pci_sew_parts(scratch, stage, sewing_voxels * cell_size, layer, &sewn);
@@ -294,7 +294,7 @@ static void compare_facing(void *user, size_t begin, size_t end, uint32_t worker
 }
 
 pc_status pci_face_like(pci_scratch *scratch, const char *stage, const pc_mesh *reference,
-                        pc_mesh *layer) {
+                        bool against, pc_mesh *layer) {
     pci_bvh *bvh = NULL;
     double *votes = PCI_SCRATCH(scratch, double, layer->triangle_count);
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
@@ -325,7 +325,7 @@ pc_status pci_face_like(pci_scratch *scratch, const char *stage, const pc_mesh *
         sums[component[asked[i]]] += votes[i];
     }
     for (size_t t = 0; t < layer->triangle_count; ++t) {
-        if (sums[component[t]] < 0.0) {
+        if ((against ? -sums[component[t]] : sums[component[t]]) < 0.0) {
             uint32_t *corner = &layer->triangles[3 * t];
             const uint32_t second = corner[1];
             corner[1] = corner[2];

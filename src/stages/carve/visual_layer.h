@@ -37,9 +37,9 @@ PC_NODISCARD pc_status pci_tailored_layer(pci_scratch *scratch, const char *stag
                                           pc_mesh *layer, uint64_t *filled_loops);
 
 // Turns the components of `layer` over that face the other way than `reference`, by the area of
-// some of their triangles.
+// some of their triangles; or that face the same way, with `against`.
 // PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY.
 PC_NODISCARD pc_status pci_face_like(pci_scratch *scratch, const char *stage,
-                                     const pc_mesh *reference, pc_mesh *layer);
+                                     const pc_mesh *reference, bool against, pc_mesh *layer);
 
 #endif

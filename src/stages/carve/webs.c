@@ -16,6 +16,8 @@ static const double web_voxels = 0.25, bridge_voxels = 0.5;
 static const double wall_voxels = 0.1, seam_voxels = 1.5;
 // Gaps that are nowhere deeper than this are no loss, in voxels.
 static const double least_depth = 0.5;
+// What is sewn in the place of a web may bridge so much of what it did.
+static const double most_bridged = 0.5;
 
 // ---- patches ------------------------------------------------------------------------------------
 
@@ -43,6 +45,20 @@ static patch *patch_of_vertex(const patches *p, const pci_topology *topology, si
     return &p->list[p->component[topology->vertex_triangles[topology->vertex_triangle_offsets[v]]]];
 }
 
+// The piece with an edge of its border.
+static patch *patch_of_edge(const patches *p, const pci_topology *topology, uint32_t from,
+                            uint32_t to) {
+    const uint32_t *around = &topology->vertex_triangles[topology->vertex_triangle_offsets[from]];
+    for (size_t i = 0;; ++i) {
+        const uint32_t *corner = &p->mesh.triangles[3 * (size_t)around[i]];
+        for (size_t c = 0; c < 3; ++c) {
+            if (corner[c] == from && corner[(c + 1) % 3] == to) {
+                return &p->list[p->component[around[i]]];
+            }
+        }
+    }
+}
+
 static bool add_loops(pci_scratch *scratch, const patches *p, const pci_topology *topology,
                       uint8_t *outer) {
     size_t count = 0, *offsets = NULL;
@@ -53,7 +69,7 @@ static bool add_loops(pci_scratch *scratch, const patches *p, const pci_topology
     for (size_t i = 0; i < count; ++i) {
         const uint32_t *first = &vertices[offsets[i]];
         const size_t length = offsets[i + 1] - offsets[i];
-        patch *owner = patch_of_vertex(p, topology, *first);
+        patch *owner = patch_of_edge(p, topology, first[0], first[1]);
         if (++owner->loops == 1 &&
             !pci_loop_begin(scratch, &p->mesh, length, first, &owner->border)) {
             return false;
@@ -189,49 +205,60 @@ static bool leave_others(pci_scratch *scratch, const pc_mesh *layer, const pci_t
 
 // ---- walls --------------------------------------------------------------------------------------
 
-// Whether a triangle goes on beyond the border of a web: triangles with a corner on the border are
-// closest to it, or only points on the border are.
-enum { NOT_BEYOND, LOOSELY, STRICTLY };
-
 typedef struct beyond_job {
     const pci_bvh *rest_bvh;
-    const pc_mesh *rest, *projected;
-    const uint8_t *border; // #V of `rest`: next to a web
+    const pc_mesh *rest, *other;
+    const uint8_t *ring; // #V of `rest`: 1 at the border of a web, 2 next to that, ...; 0: far away
     const uint8_t *kept;
     double reach;
-    uint8_t *beyond; // #F of `projected`
+    uint8_t *beyond; // #F of `other`
 } beyond_job;
 
+// A triangle goes on beyond the border of a web where only points on that are closest to it: 1, or
+// points a few rings behind: their number.
 static void find_beyond(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const beyond_job *job = user;
     uint32_t last = PC_INVALID_INDEX;
     for (size_t t = begin; t < end; ++t) {
-        if (job->kept[t]) {
+        if (job->kept != NULL && job->kept[t]) {
             continue;
         }
         double middle[3];
-        pci_triangle_middle(job->projected, t, middle);
+        pci_triangle_middle(job->other, t, middle);
         const pci_closest closest = pci_bvh_closest_near(job->rest_bvh, middle, last);
         const uint32_t *corner = &job->rest->triangles[3 * (size_t)closest.triangle];
         last = closest.triangle;
-        bool inside = false, near = false;
-        for (size_t c = 0; c < 3; ++c) {
-            inside = inside || (closest.barycentric[c] > 0.0 && !job->border[corner[c]]);
-            near = near || job->border[corner[c]];
+        uint8_t ring = closest.distance > job->reach;
+        for (size_t c = 0; c < 3 && ring > 0; ++c) {
+            if (closest.barycentric[c] > 0.0) {
+                const uint8_t at = job->ring[corner[c]];
+                ring = at == 0 || at > ring ? at : ring;
+            }
         }
-        job->beyond[t] = closest.distance <= job->reach || !near ? NOT_BEYOND
-                         : inside                                ? LOOSELY
-                                                                 : STRICTLY;
+        job->beyond[t] = ring;
     }
 }
 
-// How the other side of the projected mesh goes on beyond the borders of webs: `beyond`, #F of it.
+// Numbers the rings of vertices from the border on.
+static void number_rings(const pc_mesh *rest, uint8_t last, uint8_t *ring) {
+    for (uint8_t r = 1; r < last; ++r) {
+        for (size_t t = 0; t < rest->triangle_count; ++t) {
+            const uint32_t *corner = &rest->triangles[3 * t];
+            if (ring[corner[0]] == r || ring[corner[1]] == r || ring[corner[2]] == r) {
+                for (size_t c = 0; c < 3; ++c) {
+                    ring[corner[c]] = ring[corner[c]] == 0 ? (uint8_t)(r + 1) : ring[corner[c]];
+                }
+            }
+        }
+    }
+}
+
+// How the other mesh goes on beyond the borders of webs: `beyond`, #F of it.
 // @param corners  #V of `layer`, vertices of webs
 static pc_status measure_beyond(pci_scratch *scratch, const char *stage, const pc_mesh *layer,
-                                const uint8_t *web, const uint8_t *corners,
-                                const pc_mesh *projected, const uint8_t *kept, double reach,
-                                uint8_t *beyond) {
+                                const uint8_t *web, const uint8_t *corners, const pc_mesh *other,
+                                const uint8_t *kept, uint8_t rings, double reach, uint8_t *beyond) {
     pc_context *context = scratch->context;
     pc_mesh rest = {0};
     pci_bvh *bvh = NULL;
@@ -243,22 +270,73 @@ static pc_status measure_beyond(pci_scratch *scratch, const char *stage, const p
     if (keep == NULL || !pci_mesh_compact(scratch, layer, keep, &rest, &vertices)) {
         return pci_fail_memory(context, stage);
     }
-    uint8_t *border = PCI_SCRATCH(scratch, uint8_t, rest.vertex_count);
+    uint8_t *ring = PCI_SCRATCH(scratch, uint8_t, rest.vertex_count);
     for (size_t v = 0; v < rest.vertex_count && !scratch->failed; ++v) {
-        border[v] = corners[vertices[v]];
+        ring[v] = corners[vertices[v]];
     }
     pc_status status = scratch->failed ? pci_fail_memory(context, stage)
                                        : pci_bvh_create(context, stage, &rest, &bvh);
     if (status == PC_OK) {
-        beyond_job job = {bvh, &rest, projected, border, kept, reach, beyond};
-        status =
-            pci_parallel_while_wanted(context, projected->triangle_count, grain, find_beyond, &job)
-                ? PC_OK
-                : pci_fail_memory(context, stage);
+        number_rings(&rest, rings, ring);
+        beyond_job job = {bvh, &rest, other, ring, kept, reach, beyond};
+        status = pci_parallel_while_wanted(context, other->triangle_count, grain, find_beyond, &job)
+                     ? PC_OK
+                     : pci_fail_memory(context, stage);
     }
     pci_bvh_destroy(context, bvh);
     pc_mesh_free(context, &rest);
     return status;
+}
+
+// What a wall surrounds is a part of it: marks unmarked pieces of the mesh that lie in one marked
+// piece, are smaller and have no border. False: out of memory.
+static bool fill_walls(pci_scratch *scratch, const pc_mesh *mesh, const pci_topology *topology,
+                       uint8_t *marked) {
+    uint32_t *piece = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
+    uint32_t *around = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
+    uint32_t *size = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
+    uint8_t *open = PCI_SCRATCH(scratch, uint8_t, mesh->triangle_count);
+    uint8_t *fill = PCI_SCRATCH(scratch, uint8_t, mesh->triangle_count);
+    if (scratch->failed) {
+        return false;
+    }
+    pci_singletons(piece, mesh->triangle_count);
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        const size_t first = topology->edge_triangle_offsets[e];
+        const uint32_t *sides = &topology->edge_triangles[first];
+        if (topology->edge_triangle_offsets[e + 1] - first == 2 &&
+            marked[sides[0]] == marked[sides[1]]) {
+            pci_unite(piece, sides[0], sides[1]);
+        }
+    }
+    for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
+        around[t] = PC_INVALID_INDEX;
+        ++size[pci_find_root(piece, t)];
+    }
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        const size_t first = topology->edge_triangle_offsets[e];
+        const uint32_t *sides = &topology->edge_triangles[first];
+        const uint32_t a = pci_find_root(piece, sides[0]);
+        if (topology->edge_triangle_offsets[e + 1] - first != 2) {
+            open[a] = 1;
+            continue;
+        }
+        const uint32_t b = pci_find_root(piece, sides[1]);
+        const uint32_t inner = marked[a] ? b : a, outer = marked[a] ? a : b;
+        if (a != b) {
+            open[inner] |= around[inner] != PC_INVALID_INDEX && around[inner] != outer;
+            around[inner] = outer;
+        }
+    }
+    for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
+        const uint32_t root = pci_find_root(piece, t);
+        fill[t] = !marked[root] && !open[root] && around[root] != PC_INVALID_INDEX &&
+                  size[root] < size[around[root]];
+    }
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        marked[t] |= fill[t];
+    }
+    return true;
 }
 
 // Takes the walls that are no discs, and those that are nowhere `depth` away from the webs.
@@ -280,7 +358,11 @@ static void leave_shallow(const pci_bvh *webs, double depth, patches *walls) {
 // ---- replacement --------------------------------------------------------------------------------
 
 typedef struct mending {
+    const pci_bvh *cloth;
+    const pc_mesh *layer;
+    double cell_size;
     patches *webs, *walls;
+    double *bridged;   // by web, area
     size_t first_wall; // number of the first vertex of the walls
     size_t count;
     uint32_t *triangles; // of seams and walls; they face like the webs
@@ -320,17 +402,75 @@ static bool sew_wall(pci_scratch *scratch, mending *m, const patch *web, size_t 
     return true;
 }
 
-// Looks for the walls of the gap that a web bridges. False: out of memory, or cancelled.
-static bool mend(pci_scratch *scratch, mending *m, double reach, patch *web, bool *mended) {
+// How far the border of a wall is from that of a web, on average.
+static double mean_distance(const pci_loop *wall, const pci_loop *web) {
+    double sum = 0.0;
+    for (size_t i = 0; i < wall->count; ++i) {
+        uint32_t nearest = 0;
+        double squared = 0.0;
+        pci_knn_query(&web->nearest, &wall->points[3 * i], 1, PC_INVALID_INDEX, &nearest, &squared);
+        sum += sqrt(squared);
+    }
+    return sum / (double)wall->count;
+}
+
+static void position_of(const mending *m, uint32_t v, double out[3]) {
+    const double *from = v < m->first_wall
+                             ? &m->layer->positions[3 * (size_t)v]
+                             : &m->walls->mesh.positions[3 * ((size_t)v - m->first_wall)];
+    memcpy(out, from, 3 * sizeof(*out));
+}
+
+// The area of what was sewn that bridges gaps like the web did.
+static double area_bridged(const mending *m, size_t begin) {
+    double sum = 0.0;
+    uint32_t last = PC_INVALID_INDEX;
+    for (size_t t = begin; t < m->count; ++t) {
+        double points[9], middle[3];
+        uint32_t corners[3] = {0, 1, 2};
+        const pc_mesh one = {3, points, 1, corners};
+        for (size_t c = 0; c < 3; ++c) {
+            position_of(m, m->triangles[3 * t + c], &points[3 * c]);
+        }
+        pci_triangle_middle(&one, 0, middle);
+        sum += pci_bvh_within_near(m->cloth, middle, bridge_voxels * m->cell_size, &last)
+                   ? 0.0
+                   : pci_triangle_area(&one, 0);
+    }
+    return sum;
+}
+
+// Looks for the walls of the gap that a web bridges; of several plies the nearest. False: out of
+// memory, or cancelled.
+static bool mend(pci_scratch *scratch, mending *m, size_t number, bool *mended) {
+    const patch *web = &m->webs->list[number];
+    size_t chosen = m->walls->count;
+    pci_seam seam = {0};
+    double nearest = HUGE_VAL;
     for (size_t i = 0; i < m->walls->count; ++i) {
-        patch *wall = &m->walls->list[i];
-        pci_seam seam;
-        if (!wall->taken && pci_find_seam(&web->border, &wall->border, reach, &seam) &&
-            seam.steps == wall->border.count) {
-            *mended = wall->taken = true;
-            return pci_keep_going(scratch->context) && sew_wall(scratch, m, web, i, &seam);
+        const patch *wall = &m->walls->list[i];
+        pci_seam found;
+        if (!wall->taken &&
+            pci_find_seam(&web->border, &wall->border, seam_voxels * m->cell_size, &found) &&
+            found.steps == wall->border.count) {
+            const double distance = mean_distance(&wall->border, &web->border);
+            if (distance < nearest) {
+                nearest = distance;
+                chosen = i;
+                seam = found;
+            }
         }
     }
+    if (chosen == m->walls->count) {
+        return true;
+    }
+    const size_t begin = m->count;
+    if (!pci_keep_going(scratch->context) || !sew_wall(scratch, m, web, chosen, &seam)) {
+        return false;
+    }
+    *mended = area_bridged(m, begin) <= most_bridged * m->bridged[number];
+    m->walls->list[chosen].taken = *mended;
+    m->count = *mended ? m->count : begin;
     return true;
 }
 
@@ -377,9 +517,28 @@ static bool take_mended(pci_scratch *scratch, pc_mesh *mended, pc_mesh *layer, b
     return true;
 }
 
-static bool replace_webs(pci_scratch *scratch, const uint8_t *web, patches *webs, patches *walls,
-                         double reach, pc_mesh *layer, bool *taken) {
-    mending m = {.webs = webs, .walls = walls, .first_wall = layer->vertex_count};
+// Adds up what of each web bridges a gap. False: out of memory.
+static bool sum_bridged(pci_scratch *scratch, const pc_mesh *layer, const uint8_t *web,
+                        const uint8_t *away, mending *m) {
+    m->bridged = PCI_SCRATCH(scratch, double, m->webs->count);
+    for (size_t t = 0, i = 0; t < layer->triangle_count && m->bridged != NULL; ++t) {
+        if (web[t]) {
+            m->bridged[m->webs->component[i++]] +=
+                away[t] == PCI_BRIDGE ? pci_triangle_area(layer, t) : 0.0;
+        }
+    }
+    return m->bridged != NULL;
+}
+
+static bool replace_webs(pci_scratch *scratch, const pci_bvh *cloth, const uint8_t *web,
+                         const uint8_t *away, patches *webs, patches *walls, double cell_size,
+                         pc_mesh *layer, bool *taken) {
+    mending m = {.cloth = cloth,
+                 .layer = layer,
+                 .cell_size = cell_size,
+                 .webs = webs,
+                 .walls = walls,
+                 .first_wall = layer->vertex_count};
     size_t most = walls->mesh.triangle_count;
     for (size_t i = 0; i < webs->count; ++i) {
         most += webs->list[i].border.count;
@@ -389,14 +548,16 @@ static bool replace_webs(pci_scratch *scratch, const uint8_t *web, patches *webs
     }
     bool *mended = PCI_SCRATCH(scratch, bool, webs->count);
     m.triangles = PCI_SCRATCH(scratch, uint32_t, 3 * most);
-    for (size_t i = 0; i < webs->count && !scratch->failed; ++i) {
-        patch *p = &webs->list[i];
-        if (!p->taken && !mend(scratch, &m, reach, p, &mended[i])) {
+    if (scratch->failed || !sum_bridged(scratch, layer, web, away, &m)) {
+        return false;
+    }
+    for (size_t i = 0; i < webs->count; ++i) {
+        if (!webs->list[i].taken && !mend(scratch, &m, i, &mended[i])) {
             return false;
         }
     }
-    if (scratch->failed || m.count == 0) {
-        return !scratch->failed;
+    if (m.count == 0) {
+        return true;
     }
     pc_mesh result = {0};
     const bool done = assemble(scratch, layer, web, mended, &m, &result) &&
@@ -405,34 +566,49 @@ static bool replace_webs(pci_scratch *scratch, const uint8_t *web, patches *webs
     return done;
 }
 
-// Takes walls that are at least so much beyond the border. False: out of memory, or cancelled.
-static bool try_walls(pci_scratch *scratch, const pc_mesh *projected, const uint8_t *beyond,
-                      uint8_t least, const uint8_t *web, const pci_bvh *web_bvh, patches *webs,
-                      double cell_size, pc_mesh *layer, bool *mended) {
+// ---- entry --------------------------------------------------------------------------------------
+
+// What walls are looked for in.
+typedef struct quarry {
+    const pci_bvh *cloth;
+    const pc_mesh *mesh;
+    const pci_topology *topology; // its edges
+    const uint8_t *kept;
+    uint8_t most_rings;
+    double cell_size;
+} quarry;
+
+// Takes walls that begin at most so many rings before the border. False: out of memory, or
+// cancelled.
+static bool try_walls(pci_scratch *scratch, const quarry *q, const uint8_t *beyond, uint8_t rings,
+                      const uint8_t *web, const uint8_t *away, const pci_bvh *web_bvh,
+                      patches *webs, pc_mesh *layer, bool *mended) {
     patches walls = {0};
-    uint8_t *marked = PCI_SCRATCH(scratch, uint8_t, projected->triangle_count);
-    for (size_t t = 0; t < projected->triangle_count && marked != NULL; ++t) {
-        marked[t] = beyond[t] >= least;
+    uint8_t *marked = PCI_SCRATCH(scratch, uint8_t, q->mesh->triangle_count);
+    for (size_t t = 0; t < q->mesh->triangle_count && marked != NULL; ++t) {
+        marked[t] = beyond[t] > 0 && beyond[t] <= rings;
     }
-    bool done = marked != NULL && find_patches(scratch, projected, marked, &walls);
+    bool done = marked != NULL && fill_walls(scratch, q->mesh, q->topology, marked) &&
+                find_patches(scratch, q->mesh, marked, &walls);
     if (done) {
-        leave_shallow(web_bvh, least_depth * cell_size, &walls);
-        done = replace_webs(scratch, web, webs, &walls, seam_voxels * cell_size, layer, mended);
+        leave_shallow(web_bvh, least_depth * q->cell_size, &walls);
+        done =
+            replace_webs(scratch, q->cloth, web, away, webs, &walls, q->cell_size, layer, mended);
     }
     pc_mesh_free(scratch->context, &walls.mesh);
     return done;
 }
 
-pc_status pci_mend_webs(pci_scratch *scratch, const char *stage, const pc_mesh *projected,
-                        const uint8_t *kept, const uint8_t *away, double cell_size, bool strictly,
-                        pc_mesh *layer, bool *mended) {
+// One go at all webs there are. `rings` is the first number of rings to try, and then the next.
+static pc_status mend_once(pci_scratch *scratch, const char *stage, const quarry *q,
+                           const uint8_t *away, uint8_t *rings, pc_mesh *layer, bool *mended) {
     pc_context *context = scratch->context;
     pci_topology topology;
     patches webs = {0};
     pci_bvh *web_bvh = NULL;
     uint8_t *web = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
     uint8_t *corners = PCI_SCRATCH(scratch, uint8_t, layer->vertex_count);
-    uint8_t *beyond = PCI_SCRATCH(scratch, uint8_t, projected->triangle_count);
+    uint8_t *beyond = PCI_SCRATCH(scratch, uint8_t, q->mesh->triangle_count);
     bool some = false;
     *mended = false;
     if (scratch->failed || !pci_topology_build_edges(scratch, layer, &topology) ||
@@ -449,20 +625,41 @@ pc_status pci_mend_webs(pci_scratch *scratch, const char *stage, const pc_mesh *
                            ? PC_OK
                            : pci_fail_memory(context, stage);
     if (status == PC_OK && some) {
-        status = measure_beyond(scratch, stage, layer, web, corners, projected, kept,
-                                wall_voxels * cell_size, beyond);
+        status = measure_beyond(scratch, stage, layer, web, corners, q->mesh, q->kept,
+                                q->most_rings, wall_voxels * q->cell_size, beyond);
     }
     if (status == PC_OK && some) {
         status = pci_bvh_create(context, stage, &webs.mesh, &web_bvh);
     }
-    for (uint8_t least = strictly ? STRICTLY : LOOSELY;
-         least >= LOOSELY && some && !*mended && status == PC_OK; --least) {
-        status = try_walls(scratch, projected, beyond, least, web, web_bvh, &webs, cell_size, layer,
-                           mended)
+    for (; *rings <= q->most_rings && some && !*mended && status == PC_OK; ++*rings) {
+        status = try_walls(scratch, q, beyond, *rings, web, away, web_bvh, &webs, layer, mended)
                      ? PC_OK
                      : pci_fail_memory(context, stage);
     }
     pci_bvh_destroy(context, web_bvh);
     pc_mesh_free(context, &webs.mesh);
+    return status;
+}
+
+pc_status pci_mend_webs(pci_scratch *scratch, const char *stage, const pci_bvh *cloth,
+                        const pc_mesh *other, const uint8_t *kept, uint8_t most_rings,
+                        double cell_size, uint8_t **away, pc_mesh *layer) {
+    pci_topology topology;
+    if (!pci_topology_build_edges(scratch, other, &topology)) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    const quarry q = {cloth, other, &topology, kept, most_rings, cell_size};
+    pc_status status = PC_OK;
+    bool mended = true;
+    for (uint8_t rings = 1; mended && rings <= most_rings && status == PC_OK;) {
+        status = mend_once(scratch, stage, &q, *away, &rings, layer, &mended);
+        if (status == PC_OK && mended) {
+            *away = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
+            status =
+                *away != NULL && pci_find_away(scratch->context, cloth, layer, cell_size, *away)
+                    ? PC_OK
+                    : pci_fail_memory(scratch->context, stage);
+        }
+    }
     return status;
 }

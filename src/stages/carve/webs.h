@@ -13,21 +13,20 @@ enum { PCI_NEAR, PCI_AWAY, PCI_BRIDGE };
 bool pci_find_away(pc_context *context, const pci_bvh *cloth, const pc_mesh *layer,
                    double cell_size, uint8_t *away);
 
-// Takes the walls of the gap in the place of a web, where these are one piece of the other side of
-// the projected mesh that ends along the web's border. All of this is done or nothing: the layer's
-// components and loops stay.
-// @param projected  closed
-// @param kept       #F of `projected`, what the layer was made of
-// @param away       #F of `layer`
-// @param strictly   walls begin at the border if there are such; else, or where there are none, a
-//                   triangle before it: those of narrow legs have few triangles, which cut corners
-// @param layer      manifold and consistently oriented, like `projected`; it stays so
-// @param mended     whether it has changed
+// Takes the walls of the gap in the place of a web, where these are one piece of another mesh that
+// ends along the web's border, and bridge less than half as much; of several plies the nearest. All
+// of this is done or nothing: the layer's components and loops stay.
+// @param other       faces the other way than the layer: the other side of the projected mesh, or
+//                    the cloth turned over
+// @param kept        #F of `other`, what the layer was made of; NULL: nothing
+// @param most_rings  1: walls begin at the border of a web. More: if there are none, also so many
+//                    rings of vertices before it
+// @param away        #F of `layer`; scratch memory with another one where that has changed
+// @param layer       manifold and consistently oriented, like `other`; it stays so
 // @return PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_TOO_LARGE;
 //         PC_ERROR_CANCELLED.
-PC_NODISCARD pc_status pci_mend_webs(pci_scratch *scratch, const char *stage,
-                                     const pc_mesh *projected, const uint8_t *kept,
-                                     const uint8_t *away, double cell_size, bool strictly,
-                                     pc_mesh *layer, bool *mended);
+PC_NODISCARD pc_status pci_mend_webs(pci_scratch *scratch, const char *stage, const pci_bvh *cloth,
+                                     const pc_mesh *other, const uint8_t *kept, uint8_t most_rings,
+                                     double cell_size, uint8_t **away, pc_mesh *layer);
 
 #endif

@@ -16,7 +16,9 @@
 /// - Clusters get smaller around narrow parts (`narrow_refinement`).
 /// - Corners of the border (of hems and collars, tips of slits and necklines) get a cluster and a
 ///   vertex each, however close together they are: both sides of a slit keep theirs. At most a
-///   quarter of the clusters, the sharpest corners first.
+///   quarter of the clusters, the sharpest corners first. Slits and notches that are less deep than
+///   .55 expected edge lengths, and narrower than half of one, are closed instead: the hem runs
+///   straight across.
 /// - A tube behind an opening, such as a sleeve or a leg, that is three to five clusters around is
 ///   mapped conformally to a cylinder and gets rings of equally many clusters, one straight behind
 ///   the other, instead of clusters that wind around it in zigzag: a prism with the opening as its

@@ -1,6 +1,7 @@
 // Slits and corners of hems.
 #include "support/test.h"
 
+#include "stages/simplify/notches.h"
 #include "support/proxy_shape.h"
 #include "support/surfaces.h"
 
@@ -117,10 +118,74 @@ static void cloths_keep_their_corners(void **state) {
     pc_context_destroy(context);
 }
 
+// A slit that is less deep than edges can follow is closed: the hem runs straight across.
+static void shallow_slits_are_closed(void **state) {
+    (void)state;
+    static const uint32_t counts[] = {64, 128, 512};
+    static const double depths[] = {0.25, 0.35, 0.5}, mouths[] = {0.02, 0.15}; // in edges
+    pc_context *context = test_context(1);
+    for (size_t i = 0; i < 18; ++i) {
+        const double edge = edge_length(counts[i % 3]), depth = depths[i / 3 % 3] * edge;
+        pc_mesh skirt = slit_skirt(context, depth, mouths[i / 9] * edge);
+        pc_mesh proxy = proxy_of(context, &skirt, counts[i % 3]);
+        // Vertices are on the hem or behind the first row of triangles.
+        for (size_t v = 0; v < proxy.vertex_count; ++v) {
+            const double y = proxy.positions[3 * v + 1] / edge;
+            assert_true(fabs(y) < 0.1 || y > 0.52);
+        }
+        pc_mesh_free(context, &proxy);
+    }
+    pc_context_destroy(context);
+}
+
+// Triangles that filling adds to a skirt with a slit, in edges of one tenth.
+static size_t filled(pc_context *context, double depth, double mouth) {
+    pci_scratch scratch = pci_scratch_begin(context);
+    pc_mesh skirt = slit_skirt(context, 0.1 * depth, 0.1 * mouth);
+    const size_t before = skirt.triangle_count;
+    assert_true(pci_fill_notches(&scratch, 0.1, &skirt));
+    const size_t added = skirt.triangle_count - before;
+    const shape found = check_manifold(context, &skirt);
+    assert_int_equal(found.components, 1);
+    assert_int_equal(found.loops, 2);
+    assert_int_equal(found.euler, 0);
+    pc_mesh_free(context, &skirt);
+    pci_scratch_end(&scratch);
+    return added;
+}
+
+static void only_narrow_and_shallow_notches_are_filled(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    assert_int_equal(filled(context, 0.4, 0.1), 2 * slit_rows - 1);
+    assert_int_equal(filled(context, 0.5, 1e-9), 2 * slit_rows - 1); // both sides touch
+    assert_int_equal(filled(context, 0.6, 0.1), 0);                  // deep
+    assert_int_equal(filled(context, 3.0, 0.1), 0);
+    assert_int_equal(filled(context, 0.05, 0.01), 0); // nothing to save
+    assert_int_equal(filled(context, 0.5, 0.8), 0);   // a neckline
+    assert_int_equal(filled(context, 1.5, 1.5), 0);
+    // A tongue, and a tube whose opening is as narrow as a mouth.
+    pc_mesh tongue = test_sheet(context, 2, 8, 0.04, 0.4),
+            sheet = test_sheet(context, 20, 20, 1.0, 1.0),
+            tube = test_tube(context, 12, 20, 0.03, 1.0);
+    pc_mesh *meshes[] = {&tongue, &sheet, &tube};
+    for (size_t i = 0; i < 3; ++i) {
+        pci_scratch scratch = pci_scratch_begin(context);
+        const size_t before = meshes[i]->triangle_count;
+        assert_true(pci_fill_notches(&scratch, 0.1, meshes[i]));
+        assert_int_equal(meshes[i]->triangle_count, before);
+        pc_mesh_free(context, meshes[i]);
+        pci_scratch_end(&scratch);
+    }
+    pc_context_destroy(context);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(slits_keep_their_corners),
         cmocka_unit_test(cloths_keep_their_corners),
+        cmocka_unit_test(shallow_slits_are_closed),
+        cmocka_unit_test(only_narrow_and_shallow_notches_are_filled),
     };
     return cmocka_run_group_tests_name("slits", tests, NULL, NULL);
 }

@@ -13,6 +13,7 @@
 #include "stages/simplify/fit.h"
 #include "stages/simplify/improve.h"
 #include "stages/simplify/joint.h"
+#include "stages/simplify/notches.h"
 #include "stages/simplify/rings.h"
 #include "stages/simplify/sampling.h"
 #include "stages/simplify/separate.h"
@@ -333,6 +334,15 @@ static pc_status measure(pci_scratch *scratch, const pc_mesh *mesh, size_t wante
     return PC_OK;
 }
 
+// Fills what the edges cannot follow.
+static bool fill_notches(pci_scratch *scratch, size_t vertices, pc_mesh *layer) {
+    double area = 0.0;
+    for (size_t t = 0; t < layer->triangle_count; ++t) {
+        area += pci_triangle_area(layer, t);
+    }
+    return pci_fill_notches(scratch, sqrt(2.0 / sqrt(3.0) * area / (double)vertices), layer);
+}
+
 static pc_status begin_sampling(pci_scratch *scratch, const pc_visual *visual, const pc_mesh *layer,
                                 const pc_simplify_options *options, pci_sampling *s,
                                 pc_simplify_report *report) {
@@ -499,7 +509,9 @@ static pc_status simplify(pci_scratch *scratch, const pc_visual *visual, pc_mesh
                           pc_simplify_report *report) {
     pc_context *context = scratch->context;
     pci_sampling s;
-    if (!drop_unaffordable(scratch, layer, options->vertices, &report->dropped_parts)) {
+    if (!drop_unaffordable(scratch, layer, options->vertices, &report->dropped_parts) ||
+        (options->method == PC_SIMPLIFY_CLUSTERS &&
+         !fill_notches(scratch, options->vertices, layer))) {
         return pci_fail_memory(context, stage);
     }
     pc_status status = begin_sampling(scratch, visual, layer, options, &s, report);

@@ -26,7 +26,8 @@
 /// - Vertices leave the centroids: they slide and edges flip towards even triangles, border
 ///   vertices stay on the border and its corners, then the faces are fitted to the single layer
 ///   and it to them, with weight on the largest distances; no vertex goes farther than .15 wanted
-///   edge lengths from it, which is what a tube of three edges around needs.
+///   edge lengths from it, which is what a tube of three edges around needs. Edges that bridge a
+///   fold flip into it.
 /// - Triangles with an angle below 36 degrees are treated one by one: their vertices search better
 ///   places, edges collapse or split, and the vertex count is balanced elsewhere. So sleeves stay
 ///   tubes of at least three edges around, and straps become strips one triangle wide. What is

@@ -1,6 +1,7 @@
-// Slits and corners of hems.
+// Slits, corners and folds of hems.
 #include "support/test.h"
 
+#include "proxycloth/evaluate.h"
 #include "stages/simplify/notches.h"
 #include "support/proxy_shape.h"
 #include "support/surfaces.h"
@@ -180,12 +181,52 @@ static void only_narrow_and_shallow_notches_are_filled(void **state) {
     pc_context_destroy(context);
 }
 
+// A square with a narrow strip folded up by 100 degrees.
+static pc_mesh turned_up_hem(pc_context *context, double width) {
+    enum { columns = 40, flat = 30 };
+    pc_mesh mesh = test_sheet(context, columns, columns, 1.0, 1.0);
+    for (size_t v = 0; v < mesh.vertex_count; ++v) {
+        const size_t column = v % (columns + 1);
+        double *p = &mesh.positions[3 * v];
+        const double folded = width * ((double)column - flat) / (columns - flat);
+        p[0] = (1.0 - width) * (double)column / flat;
+        if (column > flat) {
+            p[0] = 1.0 - width - 0.174 * folded;
+            p[2] = 0.985 * folded;
+        }
+    }
+    return mesh;
+}
+
+// Edges do not bridge a hem that is turned up and narrower than they are.
+static void edges_lie_in_folds(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    double hausdorff = 0.0;
+    for (uint32_t seed = 1; seed <= 4; ++seed) {
+        pc_mesh cloth = turned_up_hem(context, 0.07), proxy = {0};
+        pc_simplify_options options;
+        pc_record_set_defaults(&pc_simplify_options_record, &options);
+        options.seed = seed;
+        pc_measures measures;
+        assert_ok(context, pc_simplify(context, NULL, &cloth, &options, &proxy, NULL));
+        assert_ok(context, pc_evaluate(context, &cloth, &proxy, &measures));
+        assert_true(measures.min_angle_mean > 49.0 && measures.min_angle_worst > 20.0);
+        hausdorff += 0.25 * measures.hausdorff;
+        pc_mesh_free(context, &proxy);
+        pc_mesh_free(context, &cloth);
+    }
+    assert_true(hausdorff < 0.018);
+    pc_context_destroy(context);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(slits_keep_their_corners),
         cmocka_unit_test(cloths_keep_their_corners),
         cmocka_unit_test(shallow_slits_are_closed),
         cmocka_unit_test(only_narrow_and_shallow_notches_are_filled),
+        cmocka_unit_test(edges_lie_in_folds),
     };
     return cmocka_run_group_tests_name("slits", tests, NULL, NULL);
 }

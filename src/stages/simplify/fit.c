@@ -1,6 +1,7 @@
 #include "stages/simplify/fit.h"
 
 #include "geometry/bvh.h"
+#include "stages/simplify/improve.h"
 
 enum { grain = 512, face_grain = 16 };
 
@@ -348,6 +349,42 @@ static void move_vertex(const fitting *f, uint32_t v, double spacing) {
     memcpy(at, start, sizeof(start));
 }
 
+// How far the middle of an edge between two vertices is from the fine surface.
+static double middle_distance(const pci_relaxation *r, uint32_t a, uint32_t b) {
+    double middle[3];
+    for (size_t k = 0; k < 3; ++k) {
+        middle[k] = 0.5 * (r->coarse->positions[3 * (size_t)a + k] +
+                           r->coarse->positions[3 * (size_t)b + k]);
+    }
+    return fmin(pci_relax_distance(r, a, middle, false), pci_relax_distance(r, b, middle, false));
+}
+
+// Flips an edge that bridges a fold if the other diagonal lies in it and leaves good angles.
+static void flip_into_fold(const pci_relaxation *r, uint32_t h, double spacing) {
+    static const double bridging = 0.1, nearer = 0.7, kept_angle = 34.0;
+    pci_halfedge *coarse = r->coarse;
+    if (!pci_relax_may_flip(r, h)) {
+        return;
+    }
+    const uint32_t g = coarse->twins[h];
+    const double straying = middle_distance(r, pci_origin(coarse, h), pci_target(coarse, h));
+    if (straying < bridging * spacing ||
+        middle_distance(r, coarse->corners[pci_previous(h)], coarse->corners[pci_previous(g)]) >
+            nearer * straying ||
+        !pci_can_flip(coarse, h)) {
+        return;
+    }
+    const pci_fan_shape old[2] = {pci_shape_of_triangle(r, h / 3), pci_shape_of_triangle(r, g / 3)};
+    const double angle = fmin(kept_angle, fmin(old[0].angle, old[1].angle));
+    pci_flip(coarse, h);
+    const pci_fan_shape flipped[2] = {pci_shape_of_triangle(r, h / 3),
+                                      pci_shape_of_triangle(r, g / 3)};
+    if (fmin(flipped[0].angle, flipped[1].angle) < angle ||
+        flipped[0].turned + flipped[1].turned > old[0].turned + old[1].turned) {
+        pci_flip(coarse, h - h % 3 + 1); // back
+    }
+}
+
 bool pci_fit(pci_scratch *scratch, pci_relaxation *relaxation, const uint32_t *nearby,
              const double *areas, const double *arcs, double spacing, size_t passes) {
     const size_t samples = relaxation->fine->vertex_count;
@@ -381,6 +418,11 @@ bool pci_fit(pci_scratch *scratch, pci_relaxation *relaxation, const uint32_t *n
             }
         }
         pci_relax_flip(relaxation);
+        for (uint32_t h = 0; h < 3 * coarse->triangle_count; ++h) {
+            if (pci_is_edge(coarse, h)) {
+                flip_into_fold(relaxation, h, spacing);
+            }
+        }
     }
     return true;
 }

@@ -253,21 +253,28 @@ static void unit_normal(const double *a, const double *b, const double *c, doubl
     pci_normalize(normal);
 }
 
+bool pci_relax_may_flip(const pci_relaxation *r, uint32_t h) {
+    const uint32_t g = r->coarse->twins[h];
+    if (g == PC_INVALID_INDEX) {
+        return false;
+    }
+    return r->pinned[pci_origin(r->coarse, h)] != PCI_RINGED ||
+           r->pinned[pci_target(r->coarse, h)] != PCI_RINGED ||
+           r->pinned[r->coarse->corners[pci_previous(h)]] != PCI_RINGED ||
+           r->pinned[r->coarse->corners[pci_previous(g)]] != PCI_RINGED;
+}
+
 // Flips the edge where that raises the worse quality of its two triangles and keeps the shape: both
 // pairs of triangles must be nearly flat, unless one of the old ones is turned over.
 static bool improve_edge(pci_relaxation *r, uint32_t h) {
     static const double flat = 0.5, gain = 1.02;
     pci_halfedge *coarse = r->coarse;
-    const uint32_t g = coarse->twins[h];
-    if (g == PC_INVALID_INDEX) {
+    if (!pci_relax_may_flip(r, h)) {
         return false;
     }
     const uint32_t a = pci_origin(coarse, h), b = pci_target(coarse, h);
-    const uint32_t c = coarse->corners[pci_previous(h)], d = coarse->corners[pci_previous(g)];
-    if (r->pinned[a] == PCI_RINGED && r->pinned[b] == PCI_RINGED && r->pinned[c] == PCI_RINGED &&
-        r->pinned[d] == PCI_RINGED) {
-        return false;
-    }
+    const uint32_t c = coarse->corners[pci_previous(h)];
+    const uint32_t d = coarse->corners[pci_previous(coarse->twins[h])];
     const double before = fmin(corner_quality(r, a, b, c), corner_quality(r, b, a, d));
     const double after = fmin(corner_quality(r, a, d, c), corner_quality(r, d, b, c));
     if (!(after > 0.0) || !(after > gain * before)) {

@@ -39,6 +39,8 @@ double pci_relax_distance(const pci_relaxation *relaxation, uint32_t v, const do
                           bool border);
 // One pass of sliding and flipping. Returns the number of changes.
 size_t pci_relax_pass(pci_relaxation *relaxation);
+// Whether an edge has two sides and is not between the triangles of rings.
+bool pci_relax_may_flip(const pci_relaxation *relaxation, uint32_t edge);
 // One pass of flipping only.
 size_t pci_relax_flip(pci_relaxation *relaxation);
 // Where a vertex should be for even triangles: amid its border neighbours, or at the centroid of

@@ -11,11 +11,15 @@ enum { grain = 512, face_grain = 16 };
 // where no face follows.
 static const double farthest = 0.15;
 
+// Samples for each coarse vertex, about, where the fine mesh is dense; more change little.
+static const size_t most_samples = 32;
+
 // Each fine vertex is a sample that holds on to the nearest coarse triangle or, if it lies on the
 // border, to the nearest coarse border edge: hems are fitted to hems, from inside and outside.
 typedef struct fitting {
     pci_relaxation *relaxation;
     const double *areas, *arcs;
+    size_t stride;       // every so many of them counts, and all on the border
     uint32_t *elements;  // per sample, triangle or border half-edge; first a vertex to start at
     double *barycentric; // per sample, 3; of a border edge origin, target, 0
     double *residuals;   // per sample, 3: from the coarse triangle to the sample
@@ -117,12 +121,18 @@ static void sample_vertices(const fitting *f, size_t s, uint32_t vertices[3]) {
     }
 }
 
+// Neighbours are next to each other in memory, so that these are evenly spread.
+static bool counts(const fitting *f, size_t s) { return f->arcs[s] > 0.0 || s % f->stride == 0; }
+
 // Brings the samples up to date. They walk, so they never jump to another sheet.
 static void find_residuals(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     fitting *f = user;
     const pci_halfedge *coarse = f->relaxation->coarse;
     for (size_t s = begin; s < end; ++s) {
+        if (!counts(f, s)) {
+            continue;
+        }
         const double *point = &f->relaxation->fine->positions[3 * s];
         double *bary = &f->barycentric[3 * s];
         if (f->arcs[s] > 0.0) {
@@ -149,6 +159,9 @@ static void sum_pulls(fitting *f) {
     memset(f->pulls, 0, 3 * coarse->vertex_count * sizeof(*f->pulls));
     memset(f->pull_weights, 0, coarse->vertex_count * sizeof(*f->pull_weights));
     for (size_t s = 0; s < f->relaxation->fine->vertex_count; ++s) {
+        if (!counts(f, s)) {
+            continue;
+        }
         uint32_t vertices[3];
         sample_vertices(f, s, vertices);
         const bool on_border = f->arcs[s] > 0.0;
@@ -157,8 +170,8 @@ static void sum_pulls(fitting *f) {
             if (!on_border && pci_is_border_vertex(coarse, (uint32_t)v)) {
                 continue; // a hem follows the hem only
             }
-            const double w =
-                (on_border ? f->arcs[s] : f->areas[s]) * f->squared[s] * f->barycentric[3 * s + c];
+            const double share = on_border ? f->arcs[s] : (double)f->stride * f->areas[s];
+            const double w = share * f->squared[s] * f->barycentric[3 * s + c];
             f->pull_weights[v] += w;
             for (size_t k = 0; k < 3; ++k) {
                 f->pulls[3 * v + k] += w * f->residuals[3 * s + k];
@@ -390,6 +403,7 @@ bool pci_fit(pci_scratch *scratch, pci_relaxation *relaxation, const uint32_t *n
     const size_t samples = relaxation->fine->vertex_count;
     const pci_halfedge *coarse = relaxation->coarse;
     fitting f = {.relaxation = relaxation, .areas = areas, .arcs = arcs};
+    f.stride = 1 + samples / (most_samples * coarse->vertex_count + 1);
     f.elements = PCI_SCRATCH(scratch, uint32_t, samples);
     f.barycentric = PCI_SCRATCH(scratch, double, 3 * samples);
     f.residuals = PCI_SCRATCH(scratch, double, 3 * samples);

@@ -218,8 +218,9 @@ static bool run_kernel(bench *b) {
         pci_skin_problem_build(&scratch, &asset->visual.surface, NULL, NEIGHBOURS, &problem);
     if (good) {
         set_motion(asset, skin, &problem);
-        good =
-            pci_skin_frames_build_sequential(&scratch, &problem, pci_skin_kernel_float(), &frames);
+        good = pci_skin_frames_build_sequential(&scratch, &problem, pci_skin_kernel_float(),
+                                                &frames) &&
+               pci_skin_frames_make_room(&scratch, &frames);
     }
     pci_skin_measures *measures =
         good ? PCI_SCRATCH(&scratch, pci_skin_measures, frames.patch_count) : NULL;

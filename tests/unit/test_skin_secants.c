@@ -55,7 +55,7 @@ typedef struct one_row {
     descent d;
 } one_row;
 
-static void begin(pc_context *context, const double *minimum, one_row *r) {
+static void begin(pc_context *context, const double *minimum, uint32_t room, one_row *r) {
     memset(r, 0, sizeof(*r));
     r->quadratic.context = context;
     r->quadratic.vertex_count = r->quadratic.group_count = 1;
@@ -66,7 +66,7 @@ static void begin(pc_context *context, const double *minimum, one_row *r) {
     for (size_t i = 0; i < SLOTS; ++i) {
         r->d.weights[i] = 1.0 / SLOTS;
     }
-    assert_true(pci_skin_secants_build(&r->scratch, &r->quadratic, &r->d.secants));
+    assert_true(pci_skin_secants_build(&r->scratch, &r->quadratic, room, &r->d.secants));
 }
 
 // Two steps tell all of a plane, and the third goes to the minimum; its fall is that of the energy.
@@ -75,7 +75,7 @@ static void two_steps_span_the_simplex(void **state) {
     pc_context *context = test_context(1);
     static const double minimum[SLOTS] = {0.5, 0.2, 0.3};
     one_row r;
-    begin(context, minimum, &r);
+    begin(context, minimum, PCI_SKIN_SECANTS, &r);
     run_round(&r.d, 0.3);
     assert_true(r.d.fall == 0.0);
     run_round(&r.d, 0.3);
@@ -91,13 +91,32 @@ static void two_steps_span_the_simplex(void **state) {
     pc_context_destroy(context);
 }
 
+// With room for one step the way is along the latest, and does not reach the minimum.
+static void one_step_is_kept(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    static const double minimum[SLOTS] = {0.5, 0.2, 0.3};
+    one_row r;
+    begin(context, minimum, 1, &r);
+    for (size_t i = 0; i < 3; ++i) {
+        run_round(&r.d, 0.1);
+    }
+    const double before = energy(&r.d, r.d.weights);
+    run_round(&r.d, 0.0);
+    const double after = energy(&r.d, r.d.weights);
+    assert_close(r.d.fall, before - after, 0.01 * before);
+    assert_true(r.d.fall > 0.01 * before && after > 1e-3 * before);
+    pci_scratch_end(&r.scratch);
+    pc_context_destroy(context);
+}
+
 // Once interrupted, the step that has begun is not known: one is not enough.
 static void an_interrupted_step_does_not_count(void **state) {
     (void)state;
     pc_context *context = test_context(1);
     static const double minimum[SLOTS] = {0.5, 0.2, 0.3};
     one_row r;
-    begin(context, minimum, &r);
+    begin(context, minimum, PCI_SKIN_SECANTS, &r);
     run_round(&r.d, 0.3);
     run_round(&r.d, 0.3);
     pci_skin_secants_interrupt(&r.d.secants);
@@ -116,7 +135,7 @@ static void weights_stay_on_the_simplex(void **state) {
     pc_context *context = test_context(1);
     static const double minimum[SLOTS] = {1.4, -0.6, 0.2};
     one_row r;
-    begin(context, minimum, &r);
+    begin(context, minimum, PCI_SKIN_SECANTS, &r);
     run_round(&r.d, 0.2);
     run_round(&r.d, 0.2);
     run_round(&r.d, 0.0);
@@ -135,6 +154,7 @@ static void weights_stay_on_the_simplex(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(two_steps_span_the_simplex),
+        cmocka_unit_test(one_step_is_kept),
         cmocka_unit_test(an_interrupted_step_does_not_count),
         cmocka_unit_test(weights_stay_on_the_simplex),
     };

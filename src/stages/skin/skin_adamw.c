@@ -148,7 +148,8 @@ pc_status pci_skin_descend(pc_context *context, const pci_skin_problem *problem,
     for (size_t i = 0; i < step_count; ++i) {
         steps[i] = (uint32_t)i;
     }
-    if (!pci_skin_frames_build(&scratch, problem, kernel, block_count, frames, &d.w)) {
+    if (!pci_skin_frames_build(&scratch, problem, kernel, block_count, frames, &d.w) ||
+        !pci_skin_frames_make_room(&scratch, &d.w)) {
         status = pci_fail_memory(context, stage);
         goto cleanup;
     }

@@ -230,13 +230,12 @@ static double slope_of_step(const pci_skin_alternation *a) {
 bool pci_skin_alternation_build(pci_scratch *scratch, const pci_skin_problem *problem,
                                 const pci_skin_kernel *kernel, pci_skin_gram *gram,
                                 pci_skin_alternation *a) {
-    const size_t nv = problem->vertex_count, count = nv * problem->slots;
+    const size_t nv = problem->vertex_count;
     memset(a, 0, sizeof(*a));
     a->gram = gram;
+    a->remembered = PCI_SKIN_SECANTS;
     a->level = PCI_SKIN_LEVELS;
     a->gradient = PCI_SCRATCH(scratch, float *, nv / PCI_SKIN_GROUP + 1);
-    a->moved = PCI_SCRATCH(scratch, float, count);
-    a->constants = PCI_SCRATCH(scratch, float, count);
     a->allowed = PCI_SCRATCH(scratch, uint32_t, nv);
     a->pulls =
         PCI_SCRATCH(scratch, double, problem->proxy_count *pc_context_threads(scratch->context));
@@ -281,7 +280,11 @@ bool pci_skin_alternation_weigh(pci_scratch *scratch, pci_skin_alternation *a,
     if (a->quadratic.offsets != NULL) {
         return pci_skin_quadratic_weigh(scratch, p, a->scale, a->follow, &a->quadratic);
     }
-    return pci_skin_quadratic_build(scratch, p, w->kernel, w->points, a->scale, a->follow,
+    // Only now: problems that are measured first, and solved after smaller ones, need none of it.
+    a->moved = PCI_SCRATCH(scratch, float, p->vertex_count * p->slots);
+    a->constants = PCI_SCRATCH(scratch, float, p->vertex_count * p->slots);
+    return !scratch->failed && pci_skin_frames_make_room(scratch, w) &&
+           pci_skin_quadratic_build(scratch, p, w->kernel, w->points, a->scale, a->follow,
                                     a->gram->matrix, a->allowed, &a->quadratic);
 }
 
@@ -323,10 +326,11 @@ pc_status pci_skin_alternation_run(pci_skin_alternation *a, uint32_t rounds, dou
                                    double *weights) {
     pci_scratch scratch = pci_scratch_begin(a->frames.context);
     pci_skin_secants secants;
-    const pc_status status = pci_skin_secants_build(&scratch, &a->quadratic, &secants)
-                                 ? run_rounds(a, &secants, rounds, tolerance, rough, progress_begin,
-                                              progress_end, weights)
-                                 : pci_fail_memory(a->frames.context, stage);
+    const pc_status status =
+        pci_skin_secants_build(&scratch, &a->quadratic, a->remembered, &secants)
+            ? run_rounds(a, &secants, rounds, tolerance, rough, progress_begin, progress_end,
+                         weights)
+            : pci_fail_memory(a->frames.context, stage);
     pci_scratch_end(&scratch);
     return status;
 }

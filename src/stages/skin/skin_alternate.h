@@ -29,6 +29,7 @@ typedef struct pci_skin_alternation {
     float **gradient;            // #groups, members by slots; in the rows that the patches own
     float *moved;                // #V by slots: since the gradient was found
     pci_skin_measures *measures; // #patches
+    uint32_t remembered;         // steps that rounds start from, at most PCI_SKIN_SECANTS
     uint32_t rounds;             // so far
     double losses;               // L_r, L_c, L_a by scale when slots were last taken away, or 0
 } pci_skin_alternation;

@@ -5,6 +5,7 @@
 #include "proxycloth/baselines.h"
 #include "stages/skin/skin_coarse.h"
 #include "stages/skin/skin_compare.h"
+#include "stages/skin/skin_secants.h"
 #include "stages/skin/weight_rows.h"
 
 static const char stage[] = "skin";
@@ -450,6 +451,8 @@ static pc_status run_phases(pci_scratch *scratch, pci_skin_fit *f, pci_skin_alte
         if (phase > 0 && status == PC_OK) {
             status = decide(scratch, f, a, true, &measures);
         }
+        // All candidates take the most memory, and few rounds are not helped by a second step.
+        a->remembered = phase == 0 && first_rounds < o->rounds ? 1 : PCI_SKIN_SECANTS;
         if (status == PC_OK) {
             status = pci_skin_alternation_run(
                 a, phase == 0 ? first_rounds : phase_share(&c, o->rounds, phase), o->round_gain,

@@ -192,6 +192,12 @@ static void fill_patches(void *user, size_t begin, size_t end, uint32_t worker) 
     }
 }
 
+bool pci_skin_frames_make_room(pci_scratch *scratch, pci_skin_frames *w) {
+    const size_t rows = w->patch_rows[w->patch_count];
+    w->partial = pci_skin_reals(scratch, w->kernel, rows * w->problem->slots);
+    return !scratch->failed;
+}
+
 void pci_skin_frames_use(pci_skin_frames *w, const pci_skin_problem *problem) {
     w->problem = problem;
     pci_parallel_for(w->context, w->patch_count, 1, fill_patches, w);
@@ -306,7 +312,6 @@ static bool finish_patches(pci_scratch *scratch, const patch_builder *b) {
         most = patch->local_count > most ? patch->local_count : most;
     }
     const uint32_t threads = pc_context_threads(w->context);
-    w->partial = pci_skin_reals(scratch, w->kernel, b->vertex_count * w->problem->slots);
     w->buffers = PCI_SCRATCH(scratch, pci_skin_buffers, threads);
     for (size_t i = 0; i < threads && w->buffers != NULL; ++i) {
         w->buffers[i].displacements = pci_skin_reals(scratch, w->kernel, 3 * PCI_BLOCK * most);
@@ -587,7 +592,8 @@ pc_status pci_skin_gradient(pc_context *context, const pci_skin_problem *problem
                             const double scale[4], double *gradient) {
     pci_scratch scratch = pci_scratch_begin(context);
     pci_skin_frames w;
-    bool good = pci_skin_frames_build_sequential(&scratch, problem, kernel, &w);
+    bool good = pci_skin_frames_build_sequential(&scratch, problem, kernel, &w) &&
+                pci_skin_frames_make_room(&scratch, &w);
     if (good) {
         for (size_t x = 0; x < 4; ++x) {
             w.data.scale[x] = scale[x] / (w.unit * w.unit);

@@ -23,7 +23,7 @@ typedef struct pci_skin_frames {
     pci_skin_patch *patches;
     pci_skin_buffers *buffers; // #threads
     // What the patches know of dE/dW, and where the rows of each vertex are in it.
-    void *partial;           // real, #rows by slots
+    void *partial;           // real, #rows by slots, or NULL
     size_t *patch_rows;      // #patches + 1, first row of each patch
     uint32_t *share_offsets; // #V + 1
     uint32_t *shares;        // #rows, ascending for each vertex
@@ -50,6 +50,9 @@ uint32_t *pci_skin_frames_in_sequence(pci_scratch *scratch, const pci_skin_probl
                                       size_t *block_count);
 bool pci_skin_frames_build_sequential(pci_scratch *scratch, const pci_skin_problem *problem,
                                       const pci_skin_kernel *kernel, pci_skin_frames *w);
+
+// Room for gradients, before any is asked for. False: out of memory.
+bool pci_skin_frames_make_room(pci_scratch *scratch, pci_skin_frames *w);
 
 // Takes the stiffness of edges from another problem that is the same but for it.
 void pci_skin_frames_use(pci_skin_frames *w, const pci_skin_problem *problem);

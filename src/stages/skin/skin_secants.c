@@ -19,12 +19,13 @@ typedef struct secant_job {
     double lengths[PCI_SKIN_SECANTS]; // 0 for those that do not count
 } secant_job;
 
-bool pci_skin_secants_build(pci_scratch *scratch, const pci_skin_quadratic *q,
+bool pci_skin_secants_build(pci_scratch *scratch, const pci_skin_quadratic *q, uint32_t room,
                             pci_skin_secants *s) {
     const size_t count = q->vertex_count * q->slots;
     memset(s, 0, sizeof(*s));
     s->quadratic = q;
-    for (size_t i = 0; i < PCI_SKIN_SECANTS; ++i) {
+    s->room = room;
+    for (size_t i = 0; i < room; ++i) {
         s->steps[i] = PCI_SCRATCH(scratch, float, count);
         s->changes[i] = PCI_SCRATCH(scratch, float, count);
     }
@@ -33,16 +34,17 @@ bool pci_skin_secants_build(pci_scratch *scratch, const pci_skin_quadratic *q,
 }
 
 void pci_skin_secants_interrupt(pci_skin_secants *s) {
-    s->first = (s->first + s->begun) % PCI_SKIN_SECANTS;
+    s->first = (s->first + s->begun) % s->room;
     s->begun = false;
 }
 
 // The steps and changes in order, the latest first.
 static void list_pairs(const pci_skin_secants *s, float *steps[], float *changes[]) {
-    for (size_t i = 0; i < PCI_SKIN_SECANTS; ++i) {
-        steps[i] = s->steps[(s->first + i) % PCI_SKIN_SECANTS];
-        changes[i] = s->changes[(s->first + i) % PCI_SKIN_SECANTS];
-    }
+    size_t i = 0;
+    do { // there is room for one at least
+        steps[i] = s->steps[(s->first + i) % s->room];
+        changes[i] = s->changes[(s->first + i) % s->room];
+    } while (++i < s->room);
 }
 
 // Completes the latest step of some groups, and sums.
@@ -65,10 +67,10 @@ static void complete(void *user, size_t begin, size_t end, uint32_t worker) {
                 steps[0][at] += job->moved[v * q->slots + at % q->slots];
                 changes[0][at] = slope - changes[0][at];
             }
-            for (size_t i = 0; i < PCI_SKIN_SECANTS; ++i) {
+            for (size_t i = 0; i < s->room; ++i) {
                 const double step = (double)steps[i][at];
                 sums.slopes[i] += step * (double)slope;
-                for (size_t j = 0; j < PCI_SKIN_SECANTS; ++j) {
+                for (size_t j = 0; j < s->room; ++j) {
                     sums.products[i][j] += step * (double)changes[j][at];
                 }
             }
@@ -140,7 +142,7 @@ static void go_along(void *user, size_t begin, size_t end, uint32_t worker) {
         for (size_t k = 0; k < slots; ++k) {
             const size_t at = m * slots + k;
             double step = 0.0, change = 0.0;
-            for (size_t i = 0; i < PCI_SKIN_SECANTS; ++i) {
+            for (size_t i = 0; i < s->room; ++i) {
                 step += job->lengths[i] * (double)steps[i][at];
                 change += job->lengths[i] * (double)changes[i][at];
             }
@@ -148,8 +150,8 @@ static void go_along(void *user, size_t begin, size_t end, uint32_t worker) {
             sum += row[k];
             moved[k] = (float)step;
             // The oldest step makes room.
-            steps[PCI_SKIN_SECANTS - 1][at] = moved[k];
-            changes[PCI_SKIN_SECANTS - 1][at] = gradient[k];
+            steps[s->room - 1][at] = moved[k];
+            changes[s->room - 1][at] = gradient[k];
             gradient[k] += (float)change;
         }
         for (size_t k = 0; k < slots; ++k) {
@@ -182,8 +184,8 @@ double pci_skin_secants_step(pci_skin_secants *s, float *const *gradient, float 
         fall -= 0.5 * job.lengths[i] * sums.slopes[i];
     }
     pci_parallel_for(context, s->quadratic->group_count, 4, go_along, &job);
-    s->first = (s->first + PCI_SKIN_SECANTS - 1) % PCI_SKIN_SECANTS;
-    s->count -= s->count == PCI_SKIN_SECANTS;
+    s->first = (s->first + s->room - 1) % s->room;
+    s->count -= s->count == s->room;
     s->begun = true;
     return fall;
 }

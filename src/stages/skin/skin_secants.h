@@ -11,15 +11,17 @@ typedef struct pci_skin_secants {
     const pci_skin_quadratic *quadratic;
     // Rows by slots, by member. While a step has begun its change is the gradient at its start.
     float *steps[PCI_SKIN_SECANTS], *changes[PCI_SKIN_SECANTS];
+    uint32_t room;                     // steps that are kept
     uint32_t first;                    // the latest; older ones follow, round and round
     uint32_t count;                    // of steps with their changes
     bool begun;                        // the latest is another, not complete yet
     struct pci_skin_secant_sums *sums; // #groups
 } pci_skin_secants;
 
-// Of problems with the slots that the quadratic has now. False: out of memory.
+// Of problems with the slots that the quadratic has now. `room`: steps that are kept, 1 at least.
+// False: out of memory.
 bool pci_skin_secants_build(pci_scratch *scratch, const pci_skin_quadratic *quadratic,
-                            pci_skin_secants *secants);
+                            uint32_t room, pci_skin_secants *secants);
 
 // The gradient is of other frames from now on: the step that has begun tells nothing.
 void pci_skin_secants_interrupt(pci_skin_secants *secants);

@@ -35,7 +35,7 @@ static const pc_field option_fields[] = {
                      "Weight of L_c"),
     PCI_FIELD_OPTION(pc_skin_options, lambda_attachment, DOUBLE, 0.1, 0.0, 1000000.0, "",
                      "Weight of L_a"),
-    PCI_FIELD_OPTION(pc_skin_options, lambda_follow, DOUBLE, 0.3, 0.0, 1000000.0, "",
+    PCI_FIELD_OPTION(pc_skin_options, lambda_follow, DOUBLE, 0.5, 0.0, 1000000.0, "",
                      "Weight of L_f, following the proxy: more keeps the motion "
                      "of the proxy, less gives smoother shape; alternate only"),
     PCI_FIELD_OPTION(pc_skin_options, lambda_stretch, DOUBLE, 3.0, 0.0, 1000000.0, "",
@@ -46,7 +46,7 @@ static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_skin_options, least_motion, DOUBLE, 0.972, 0.0, 1.0, "",
                      "While the garment moves less than this share of the proxy's motion, "
                      "lambda_follow is raised; alternate only"),
-    PCI_FIELD_OPTION(pc_skin_options, most_strain, DOUBLE, 0.82, 0.0, 1000000.0, "",
+    PCI_FIELD_OPTION(pc_skin_options, most_strain, DOUBLE, 0.88, 0.0, 1000000.0, "",
                      "While edges change their lengths by more than this share of what "
                      "closest-triangle weights do to them, lambda_stretch is raised; alternate "
                      "only"),

@@ -9,6 +9,9 @@
 /// their border, a tenth of which is farther than 1.5 voxels from all rims of the garment, and of
 /// less than a tenth of the kept area), as beneath the hem of a layer that hangs over another or on
 /// top of a leaf, are kept as well.
+/// A strap about as thick as wide is a rod in the graph, of which the labels may leave out all: what
+/// lies farther than 2 voxels from what they keep, with more of the same across the solid, is kept
+/// all around.
 /// Where the labels keep both sides of a sheet (a tenth of the area or more lies back to back
 /// within half a voxel), the smaller side is cut off along the hem. A loop is a hole only if its
 /// part has twice the area of a disc of that circumference, so that the outer rim of a small part is

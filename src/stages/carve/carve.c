@@ -12,6 +12,7 @@
 #include "stages/carve/lining.h"
 #include "stages/carve/loops.h"
 #include "stages/carve/outline.h"
+#include "stages/carve/straps.h"
 #include "stages/carve/visual_layer.h"
 #include "stages/carve/webs.h"
 
@@ -395,6 +396,22 @@ static pc_status labelled_or_other(const carve_job *job, uint64_t filled, pc_mes
     return status == PC_OK && better ? take_visual(job, filled, folded, layer, report) : status;
 }
 
+// The labels, with the straps that they leave out.
+static pc_status with_straps(const carve_job *job, uint64_t filled, pc_mesh *folded, pc_mesh *layer,
+                             pc_carve_report *report) {
+    const size_t count = job->projected->vertex_count;
+    carve_job amended = *job;
+    uint8_t *labels = PCI_SCRATCH(job->scratch, uint8_t, count);
+    if (labels == NULL) {
+        return pci_fail_memory(job->scratch->context, stage);
+    }
+    memcpy(labels, job->labels, count);
+    amended.labels = labels;
+    const pc_status status =
+        pci_keep_straps(job->scratch, stage, job->projected, job->cell_size, labels);
+    return status == PC_OK ? labelled_or_other(&amended, filled, folded, layer, report) : status;
+}
+
 static pc_status choose_layer(const carve_job *job, pc_mesh *layer, pc_carve_report *report) {
     pci_scratch *scratch = job->scratch;
     const uint32_t source = job->options->layer_source;
@@ -411,9 +428,8 @@ static pc_status choose_layer(const carve_job *job, pc_mesh *layer, pc_carve_rep
         status = pci_fail_cancelled(scratch->context, stage);
     }
     if (status == PC_OK) {
-        status = always || layering == PCI_PLAIN
-                     ? take_visual(job, filled, &visual, layer, report)
-                     : labelled_or_other(job, filled, &visual, layer, report);
+        status = always || layering == PCI_PLAIN ? take_visual(job, filled, &visual, layer, report)
+                                                 : with_straps(job, filled, &visual, layer, report);
     }
     pc_mesh_free(scratch->context, &visual);
     return status;

@@ -14,9 +14,9 @@
 /// all around.
 /// Where the labels keep both sides of a sheet (a tenth of the area or more lies back to back
 /// within half a voxel), the smaller side is cut off along the hem. A loop is a hole only if its
-/// part has twice the area of a disc of that circumference, so that the outer rim of a small part is
-/// never closed, and if the projected mesh goes on across it (no farther from its middle than half
-/// its mean radius), so that the space beside a strap stays open.
+/// part has twice the area of a disc of that circumference, so that the outer rim of a small part
+/// is never closed, and if the projected mesh goes on across it (no farther from its middle than
+/// half its mean radius), so that the space beside a strap stays open.
 ///
 /// DEVIATION: cloth that is modelled with its thickness, a closed shell of two skins up to four
 /// voxels apart with a rim between them, counts as its outer skin (the larger one). Components that
@@ -60,8 +60,9 @@
 /// DEVIATION: such webs, more than half a voxel away from the cloth, are replaced by the walls of
 /// the gap that they bridge, where the cloth, or else the other side of the projected mesh, shows
 /// these as one piece whose border runs along the web's: legs part at the crotch and sleeves at the
-/// armpit again. Cloth in loose triangles has no such pieces, and the inside of legs that the voxels
-/// fill does not show them: there a finer grid helps.
+/// armpit again. Cracks in the cloth of up to .02 voxels are closed for that; cloth in looser
+/// triangles has no such pieces, and the inside of legs that the voxels fill does not show them:
+/// there a finer grid helps.
 ///
 /// With `carve` on, everything farther than `carve_distance` beside the visual mesh is cut away
 /// (section 5.1), so that separate parts can move freely.

@@ -1,6 +1,7 @@
 #include "proxycloth/carve.h"
 
 #include "core/core.h"
+#include "core/union_find.h"
 #include "geometry/bvh.h"
 #include "geometry/manifold.h"
 #include "geometry/rim.h"
@@ -77,6 +78,10 @@ static const double rim_spacing = 0.25; // in voxels
 // of the rest, within so many voxels of each other; less than this share of the area is noise at
 // hems.
 static const double both_sides_reach = 0.5, least_both_sides = 0.1;
+// Borders of the cloth so near to each other are one seam, in voxels; at a vertex that so many
+// triangles share.
+static const double crack_voxels = 0.02;
+enum { most_joined = 12 };
 // Where the walls of gaps may begin (stages/carve/webs.h): those of narrow legs have few triangles,
 // which cut corners.
 enum { cloth_rings = 4, projected_rings = 2 };
@@ -229,6 +234,64 @@ static bool find_bridges(pci_scratch *scratch, const pci_bvh *cloth, const pc_me
     return true;
 }
 
+// Unites the vertices on borders that all but meet, where seams are cracked or triangles loose.
+static bool unite_cracks(pci_scratch *scratch, const pc_mesh *mesh, double reach,
+                         uint32_t *parents) {
+    pci_topology topology;
+    pci_knn knn;
+    uint8_t *border = PCI_SCRATCH(scratch, uint8_t, mesh->vertex_count);
+    uint32_t *vertices = PCI_SCRATCH(scratch, uint32_t, mesh->vertex_count);
+    double *points = PCI_SCRATCH(scratch, double, 3 * mesh->vertex_count);
+    size_t count = 0;
+    if (scratch->failed || !pci_topology_build_edges(scratch, mesh, &topology)) {
+        return false;
+    }
+    for (size_t e = 0; e < topology.edge_count; ++e) {
+        if (topology.edge_triangle_offsets[e + 1] - topology.edge_triangle_offsets[e] == 1) {
+            border[topology.edges[2 * e]] = border[topology.edges[2 * e + 1]] = 1;
+        }
+    }
+    for (size_t v = 0; v < mesh->vertex_count; ++v) {
+        if (border[v]) {
+            memcpy(&points[3 * count], &mesh->positions[3 * v], 3 * sizeof(*points));
+            vertices[count++] = (uint32_t)v;
+        }
+    }
+    if (!pci_knn_build(scratch, count, points, &knn)) {
+        return false;
+    }
+    for (size_t i = 0; i < count; ++i) {
+        uint32_t near[most_joined];
+        double squared[most_joined];
+        const size_t found =
+            pci_knn_query(&knn, &points[3 * i], most_joined, (uint32_t)i, near, squared);
+        for (size_t k = 0; k < found && squared[k] <= reach * reach; ++k) {
+            pci_unite(parents, vertices[i], vertices[near[k]]);
+        }
+    }
+    return true;
+}
+
+// The cloth with its cracks closed.
+static bool close_cracks(pci_scratch *scratch, const pc_mesh *cloth, double reach,
+                         pc_mesh *closed) {
+    uint32_t *parents = PCI_SCRATCH(scratch, uint32_t, cloth->vertex_count);
+    pc_mesh joined = *cloth;
+    joined.triangles = PCI_SCRATCH(scratch, uint32_t, 3 * cloth->triangle_count);
+    if (scratch->failed) {
+        return false;
+    }
+    pci_singletons(parents, cloth->vertex_count);
+    if (!unite_cracks(scratch, cloth, reach, parents)) {
+        return false;
+    }
+    for (size_t i = 0; i < 3 * cloth->triangle_count; ++i) {
+        joined.triangles[i] = pci_find_root(parents, cloth->triangles[i]);
+    }
+    pci_repair_counts counts;
+    return pci_mesh_repair(scratch, &joined, NULL, closed, &counts);
+}
+
 // Mends what webs it can, from the cloth or else the other side of the projected mesh: the layer
 // keeps its shape.
 static pc_status mend_bridges(const carve_job *job, const pci_bvh *visual, uint8_t *away,
@@ -236,7 +299,8 @@ static pc_status mend_bridges(const carve_job *job, const pci_bvh *visual, uint8
     pci_scratch *scratch = job->scratch;
     pc_mesh turned = {0};
     const uint8_t *kept = kept_triangles(job);
-    if (kept == NULL || !pci_mesh_compact(scratch, job->cloth, NULL, &turned, NULL)) {
+    if (kept == NULL ||
+        !close_cracks(scratch, job->cloth, crack_voxels * job->cell_size, &turned)) {
         return pci_fail_memory(scratch->context, stage);
     }
     pc_status status = pci_face_like(scratch, stage, layer, true, &turned);

@@ -26,16 +26,17 @@ static void measure_distance(pci_isoline *line, size_t v) {
     line->distances[v] = sqrt(fmax(0.0, pci_dot(away, away) - height * height));
 }
 
+// No point lies farther beside the visual mesh than it is away from it.
+static double within_threshold(const pci_isoline *line) { return (1.0 - 1e-9) * line->threshold; }
+
 // The same where somebody asks. `focus`: a point of the focus that may be near; becomes one that
 // is.
 static void find_distance(pci_isoline *line, size_t v, uint32_t *focus) {
     const double *point = &line->mesh.positions[3 * v];
-    // No point lies farther beside the visual mesh than it is away from it.
-    const double within = (1.0 - 1e-9) * line->threshold;
     if (line->focus != NULL && !pci_knn_within_near(line->focus, point, line->reach, focus)) {
         line->distances[v] = out_of_focus;
-    } else if (line->coarse &&
-               pci_bvh_within_near(line->visual, point, within, &line->nearest[v])) {
+    } else if (line->coarse && pci_bvh_within_near(line->visual, point, within_threshold(line),
+                                                   &line->nearest[v])) {
         line->distances[v] =
             line->focus == NULL || pci_knn_within_near(line->focus, point, 0.5 * line->reach, focus)
                 ? unmeasured
@@ -135,6 +136,31 @@ static bool lies_close(const pci_isoline *line, uint32_t t) {
     return line->closer != NULL && pci_knn_within(line->closer, middle, line->reach, NULL);
 }
 
+// Whether points along the edges of a triangle, no farther apart than `shortest`, are within the
+// threshold: then splits would find nothing. Few points are asked.
+static bool is_plain(const pci_isoline *line, uint32_t t, double shortest) {
+    static const double most_pieces = 4.0;
+    for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
+        const double *a = &line->mesh.positions[3 * (size_t)pci_origin(&line->mesh, h)];
+        const double *b = &line->mesh.positions[3 * (size_t)pci_target(&line->mesh, h)];
+        const double pieces = ceil(sqrt(squared_length(&line->mesh, h)) / shortest);
+        uint32_t nearest = line->nearest[pci_origin(&line->mesh, h)];
+        if (!(pieces <= most_pieces)) {
+            return false;
+        }
+        for (int i = 1; i < (int)pieces; ++i) {
+            double point[3];
+            for (size_t k = 0; k < 3; ++k) {
+                point[k] = a[k] + (double)i / pieces * (b[k] - a[k]);
+            }
+            if (!pci_bvh_within_near(line->visual, point, within_threshold(line), &nearest)) {
+                return false;
+            }
+        }
+    }
+    return true;
+}
+
 // The edge to split where a triangle may touch the isoline; PC_INVALID_INDEX: none.
 static uint32_t edge_to_split(const pci_isoline *line, uint32_t t, double shortest) {
     const double threshold = line->threshold;
@@ -151,7 +177,9 @@ static uint32_t edge_to_split(const pci_isoline *line, uint32_t t, double shorte
     const double longest = sqrt(squared_length(&line->mesh, edge));
     const bool wanted = farthest + 0.5 * longest > threshold &&
                         (longest > shortest || (longest > 0.5 * shortest && lies_close(line, t)));
-    return wanted ? terminal_edge(&line->mesh, edge) : PC_INVALID_INDEX;
+    const bool plain =
+        wanted && line->coarse && farthest == unmeasured && is_plain(line, t, shortest);
+    return wanted && !plain ? terminal_edge(&line->mesh, edge) : PC_INVALID_INDEX;
 }
 
 // What a round of refinement works with. A triangle is asked again when it was split.

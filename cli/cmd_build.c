@@ -95,7 +95,7 @@ typedef struct build_run {
     const cli_command *command;
     const cli_arguments *arguments;
     pc_context *context;
-    const scene_data *scene;
+    scene_data *scene;
     const uint8_t *chosen; // per part of the scene
     cli_output *output;
     pc_asset *assets;    // per garment
@@ -177,11 +177,7 @@ static int take_garments(build_run *r, pc_visual *visual, const pc_visual_report
 // Runs the stages that do not depend on the number of vertices.
 static int build_layer(build_run *r, size_t garment) {
     pc_asset *asset = &r->assets[garment];
-    const int code = cli_load_scenario(r->command, r->arguments, r->context, asset);
-    if (code != CLI_OK) {
-        return code;
-    }
-    pc_status status = scene_character(r->scene, r->chosen, r->context, &asset->character);
+    pc_status status = PC_OK;
     for (pc_stage stage = 0; stage < PC_STAGE_SIMPLIFY && status == PC_OK; ++stage) {
         status =
             pc_run_stage(r->context, stage, &r->arguments->options, asset, &r->timings[garment]);
@@ -257,16 +253,31 @@ static int build_level(build_run *r, uint32_t vertices, uint32_t level) {
     return code;
 }
 
-static int build(build_run *r) {
+// Makes the garments of the scene, which is released: nothing else is asked of it.
+static int take_scene(build_run *r) {
     pc_visual visual = {0};
     pc_visual_report report;
-    const pc_status status = scene_visual(r->scene, r->chosen, r->context, &visual, &report);
+    pc_status status = scene_visual(r->scene, r->chosen, r->context, &visual, &report);
     if (status != PC_OK) {
         return cli_fail_status(r->command->name, r->context, status, r->arguments->inputs[0],
                                false);
     }
     int code = take_garments(r, &visual, &report);
     pc_visual_free(r->context, &visual);
+    for (size_t i = 0; i < r->garment_count && code == CLI_OK; ++i) {
+        pc_asset *asset = &r->assets[i];
+        code = cli_load_scenario(r->command, r->arguments, r->context, asset);
+        if (code == CLI_OK) {
+            status = scene_character(r->scene, r->chosen, r->context, &asset->character);
+            code = status == PC_OK ? CLI_OK : fail_garment(r, status, asset);
+        }
+    }
+    scene_free(r->scene);
+    return code;
+}
+
+static int build(build_run *r) {
+    int code = take_scene(r);
     for (size_t i = 0; i < r->garment_count && code == CLI_OK; ++i) {
         code = build_layer(r, i);
     }

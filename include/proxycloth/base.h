@@ -71,7 +71,7 @@ typedef struct pc_context pc_context;
 /// PC_ERROR_OUT_OF_MEMORY. Both functions must be callable from several threads.
 /// Embree, HDF5, libpng and SuiteSparse keep allocating from the C library.
 /// With the C library's own allocator, a stage ends with malloc_trim where glibc keeps more than
-/// 32 MiB of released memory.
+/// 128 MiB of released memory.
 typedef struct pc_allocator {
     void *(*allocate)(void *user, size_t size);
     void (*release)(void *user, void *memory);

@@ -32,7 +32,7 @@ void pc_release(pc_context *context, void *memory) {
 
 void pci_give_back(const pc_context *context) {
 #if defined(HAS_TRIM)
-    enum { WORTH_IT = 32 << 20 }; // bytes
+    enum { WORTH_IT = 128 << 20 }; // bytes; to ask for it again costs time
     if (context->options.allocator.allocate == pci_default_allocate &&
         mallinfo2().fordblks >= WORTH_IT) {
         (void)malloc_trim(0);

@@ -4,15 +4,20 @@
 #include "stages/simplify/improve.h"
 
 static const size_t passes = PCI_EFFORT(24, 2);
-// Flawed triangles beyond which a search would take too long, and triangles looked at in all.
+// Flawed triangles beyond which a search would take too long. Boxes compared in all, at least and
+// for each triangle: what can be separated takes a tenth of that.
 static const size_t most_flawed = 512;
-static const size_t work = PCI_EFFORT(400000000, 100);
+static const size_t least_work = PCI_EFFORT(4000000, 100), work = PCI_EFFORT(8000, 10);
 // A little more than is asked for, so that rounding does not matter.
 static const double wanted_angle = PCI_LEAST_ANGLE + 0.1;
 // Cost of a pair that crosses, beside the length in expected edges; of a step of one edge length.
 static const double crossing_cost = 0.3;
 static const double step_cost = 0.03;
 static const double least_gain = 1e-6;
+
+typedef struct box {
+    double low[3], high[3];
+} box;
 
 typedef struct separation {
     pci_relaxation *relaxation;
@@ -21,30 +26,28 @@ typedef struct separation {
     uint32_t *fan;    // triangles that the vertices of the move belong to
     uint32_t *nearby; // others in their reach
     size_t fan_count, nearby_count;
-    uint8_t *in_fan;  // per triangle
-    uint8_t *flawed;  // per triangle
-    size_t work_left; // triangles
+    box *fan_boxes, *nearby_boxes; // around each
+    uint8_t *in_fan;               // per triangle
+    uint8_t *flawed;               // per triangle
+    size_t work_left;              // boxes
 } separation;
 
 // ---- cost of some triangles ---------------------------------------------------------------------
 
-typedef struct box {
-    double low[3], high[3];
-} box;
+static const box nothing = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
 
-static void grow(const separation *s, uint32_t t, box *b) {
-    for (size_t c = 0; c < 3; ++c) {
-        const double *p = &s->mesh.positions[3 * (size_t)s->mesh.triangles[3 * (size_t)t + c]];
-        for (size_t k = 0; k < 3; ++k) {
-            b->low[k] = fmin(b->low[k], p[k]);
-            b->high[k] = fmax(b->high[k], p[k]);
-        }
+static void grow(box *b, const double point[3]) {
+    for (size_t k = 0; k < 3; ++k) {
+        b->low[k] = point[k] < b->low[k] ? point[k] : b->low[k];
+        b->high[k] = point[k] > b->high[k] ? point[k] : b->high[k];
     }
 }
 
 static box triangle_box(const separation *s, uint32_t t) {
-    box b = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-    grow(s, t, &b);
+    box b = nothing;
+    for (size_t c = 0; c < 3; ++c) {
+        grow(&b, &s->mesh.positions[3 * (size_t)s->mesh.triangles[3 * (size_t)t + c]]);
+    }
     return b;
 }
 
@@ -57,53 +60,63 @@ static bool boxes_meet(const box *a, const box *b, double margin) {
     return true;
 }
 
-static double pair_cost(const separation *s, uint32_t t, const box *around, uint32_t other) {
-    const box b = triangle_box(s, other);
-    const double length =
-        boxes_meet(around, &b, 0.0) ? pci_pair_crossing_length(&s->mesh, t, other) : 0.0;
-    return length > 0.0 ? crossing_cost + length / s->spacing : 0.0;
+static void spend(separation *s, size_t boxes) {
+    s->work_left -= boxes < s->work_left ? boxes : s->work_left;
+}
+
+// Of a triangle of the fan with some others.
+static double pairs_cost(separation *s, size_t in_fan, size_t count, const uint32_t *others,
+                         const box *boxes) {
+    double cost = 0.0;
+    spend(s, count);
+    for (size_t i = 0; i < count; ++i) {
+        if (boxes_meet(&s->fan_boxes[in_fan], &boxes[i], 0.0)) {
+            const double length = pci_pair_crossing_length(&s->mesh, s->fan[in_fan], others[i]);
+            cost += length > 0.0 ? crossing_cost + length / s->spacing : 0.0;
+        }
+    }
+    return cost;
 }
 
 // What is wrong with the triangles of the fan; some number not below `enough` when it is that much.
 // `turned` receives how many look away from the fine surface.
-static double fan_cost(const separation *s, double enough, size_t *turned) {
+static double fan_cost(separation *s, double enough, size_t *turned) {
     double cost = 0.0;
     *turned = 0;
     for (size_t i = 0; i < s->fan_count; ++i) {
         const pci_fan_shape shape = pci_shape_of_triangle(s->relaxation, s->fan[i]);
         cost += fmax(1.0 - shape.angle / wanted_angle, 0.0);
         *turned += shape.turned;
+        s->fan_boxes[i] = triangle_box(s, s->fan[i]);
     }
     for (size_t i = 0; i < s->fan_count && cost < enough; ++i) {
-        const box around = triangle_box(s, s->fan[i]);
-        for (size_t j = i + 1; j < s->fan_count; ++j) {
-            cost += pair_cost(s, s->fan[i], &around, s->fan[j]);
-        }
-        for (size_t j = 0; j < s->nearby_count; ++j) {
-            cost += pair_cost(s, s->fan[i], &around, s->nearby[j]);
-        }
+        cost += pairs_cost(s, i, s->fan_count - i - 1, &s->fan[i + 1], &s->fan_boxes[i + 1]);
+        cost += pairs_cost(s, i, s->nearby_count, s->nearby, s->nearby_boxes);
     }
     return cost;
 }
 
 // Lists the triangles within `margin` of the fan that do not belong to it.
 static void find_nearby(separation *s, double margin) {
-    box around = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    box around = nothing;
     for (size_t i = 0; i < s->fan_count; ++i) {
-        grow(s, s->fan[i], &around);
+        const box b = triangle_box(s, s->fan[i]);
+        grow(&around, b.low);
+        grow(&around, b.high);
         s->in_fan[s->fan[i]] = 1;
     }
     s->nearby_count = 0;
     for (uint32_t t = 0; t < s->mesh.triangle_count; ++t) {
         const box b = triangle_box(s, t);
         if (!s->in_fan[t] && boxes_meet(&around, &b, margin)) {
+            s->nearby_boxes[s->nearby_count] = b;
             s->nearby[s->nearby_count++] = t;
         }
     }
     for (size_t i = 0; i < s->fan_count; ++i) {
         s->in_fan[s->fan[i]] = 0;
     }
-    s->work_left -= s->mesh.triangle_count < s->work_left ? s->mesh.triangle_count : s->work_left;
+    spend(s, s->mesh.triangle_count);
 }
 
 static void find_fan(separation *s, const uint32_t *vertices, size_t count) {
@@ -241,9 +254,11 @@ bool pci_separate(pci_scratch *scratch, pci_relaxation *relaxation, double spaci
                     .spacing = spacing,
                     .fan = PCI_SCRATCH(scratch, uint32_t, nt),
                     .nearby = PCI_SCRATCH(scratch, uint32_t, nt),
+                    .fan_boxes = PCI_SCRATCH(scratch, box, nt),
+                    .nearby_boxes = PCI_SCRATCH(scratch, box, nt),
                     .in_fan = PCI_SCRATCH(scratch, uint8_t, nt),
                     .flawed = PCI_SCRATCH(scratch, uint8_t, nt),
-                    .work_left = work};
+                    .work_left = least_work + work * nt};
     bool changed = true;
     for (size_t pass = 0; pass < passes && changed && !scratch->failed; ++pass) {
         if (!find_flaws(scratch->context, &s, flaws)) {

@@ -601,8 +601,8 @@ static void memory_per_vertex_is_bounded(void **state) {
     static const double most[2] = {1100.0, 1350.0};
     for (uint32_t i = 0; i < 2; ++i) {
         size_t vertices[2];
-        const size_t small = peak_of_sheet(40, 4 << i, &vertices[0]);
-        const size_t large = peak_of_sheet(80, 4 << i, &vertices[1]);
+        const size_t small = peak_of_sheet(40, 4U << i, &vertices[0]);
+        const size_t large = peak_of_sheet(80, 4U << i, &vertices[1]);
         const double bytes = (double)(large - small) / (double)(vertices[1] - vertices[0]);
         assert_true(bytes < most[i]);
     }

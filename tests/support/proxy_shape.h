@@ -3,6 +3,7 @@
 #define TEST_SUPPORT_PROXY_SHAPE_H
 
 #include "geometry/topology.h"
+#include "proxycloth/simplify.h"
 #include "support/manifold.h"
 #include "support/test.h"
 
@@ -45,6 +46,18 @@ static inline shape check_manifold(pc_context *context, const pc_mesh *mesh) {
         (long)mesh->vertex_count - (long)topology.edge_count + (long)mesh->triangle_count;
     pci_scratch_end(&scratch);
     return result;
+}
+
+// Simplifies and frees the input.
+static inline pc_mesh simplified(pc_context *context, pc_mesh *mesh, uint32_t vertices,
+                                 pc_simplify_report *report) {
+    pc_simplify_options options;
+    pc_record_set_defaults(&pc_simplify_options_record, &options);
+    options.vertices = vertices;
+    pc_mesh proxy = {0};
+    assert_ok(context, pc_simplify(context, NULL, mesh, &options, &proxy, report));
+    pc_mesh_free(context, mesh);
+    return proxy;
 }
 
 #endif

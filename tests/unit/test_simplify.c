@@ -8,18 +8,6 @@
 #include "support/proxy_shape.h"
 #include "support/surfaces.h"
 
-// Simplifies and frees the input.
-static pc_mesh simplified(pc_context *context, pc_mesh *mesh, uint32_t vertices,
-                          pc_simplify_report *report) {
-    pc_simplify_options options;
-    pc_record_set_defaults(&pc_simplify_options_record, &options);
-    options.vertices = vertices;
-    pc_mesh proxy = {0};
-    assert_ok(context, pc_simplify(context, NULL, mesh, &options, &proxy, report));
-    pc_mesh_free(context, mesh);
-    return proxy;
-}
-
 static void keeps_the_topology(void **state) {
     (void)state;
     pc_context *context = test_context(1);

@@ -50,12 +50,7 @@ static double edge_length(uint32_t vertices) {
 }
 
 static pc_mesh proxy_of(pc_context *context, pc_mesh *mesh, uint32_t vertices) {
-    pc_simplify_options options;
-    pc_record_set_defaults(&pc_simplify_options_record, &options);
-    options.vertices = vertices;
-    pc_mesh proxy = {0};
-    assert_ok(context, pc_simplify(context, NULL, mesh, &options, &proxy, NULL));
-    pc_mesh_free(context, mesh);
+    const pc_mesh proxy = simplified(context, mesh, vertices, NULL);
     const shape found = check_manifold(context, &proxy);
     assert_int_equal(proxy.vertex_count, vertices);
     assert_int_equal(found.components, 1);

@@ -139,6 +139,20 @@ bool pci_find_away(pc_context *context, const pci_bvh *cloth, const pc_mesh *lay
     return pci_parallel_while_wanted(context, layer->triangle_count, grain, mark_away, &job);
 }
 
+// Unites triangles across edges of two where both are marked, with any mark, or neither is.
+static void join_alike(const pci_topology *topology, size_t triangles, const uint8_t *marked,
+                       uint32_t *piece) {
+    pci_singletons(piece, triangles);
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        const size_t first = topology->edge_triangle_offsets[e];
+        const uint32_t *sides = &topology->edge_triangles[first];
+        if (topology->edge_triangle_offsets[e + 1] - first == 2 &&
+            !marked[sides[0]] == !marked[sides[1]]) {
+            pci_unite(piece, sides[0], sides[1]);
+        }
+    }
+}
+
 // Marks connected pieces of what is away that have a bridge. False: out of memory.
 static bool mark_webs(pci_scratch *scratch, const pc_mesh *layer, const pci_topology *topology,
                       const uint8_t *away, uint8_t *web) {
@@ -147,15 +161,7 @@ static bool mark_webs(pci_scratch *scratch, const pc_mesh *layer, const pci_topo
     if (scratch->failed) {
         return false;
     }
-    pci_singletons(piece, layer->triangle_count);
-    for (size_t e = 0; e < topology->edge_count; ++e) {
-        const size_t first = topology->edge_triangle_offsets[e];
-        const uint32_t *sides = &topology->edge_triangles[first];
-        if (topology->edge_triangle_offsets[e + 1] - first == 2 && away[sides[0]] &&
-            away[sides[1]]) {
-            pci_unite(piece, sides[0], sides[1]);
-        }
-    }
+    join_alike(topology, layer->triangle_count, away, piece);
     for (uint32_t t = 0; t < layer->triangle_count; ++t) {
         bridge[pci_find_root(piece, t)] |= away[t] == PCI_BRIDGE;
     }
@@ -300,15 +306,7 @@ static bool fill_walls(pci_scratch *scratch, const pc_mesh *mesh, const pci_topo
     if (scratch->failed) {
         return false;
     }
-    pci_singletons(piece, mesh->triangle_count);
-    for (size_t e = 0; e < topology->edge_count; ++e) {
-        const size_t first = topology->edge_triangle_offsets[e];
-        const uint32_t *sides = &topology->edge_triangles[first];
-        if (topology->edge_triangle_offsets[e + 1] - first == 2 &&
-            marked[sides[0]] == marked[sides[1]]) {
-            pci_unite(piece, sides[0], sides[1]);
-        }
-    }
+    join_alike(topology, mesh->triangle_count, marked, piece);
     for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
         around[t] = PC_INVALID_INDEX;
         ++size[pci_find_root(piece, t)];

@@ -72,9 +72,8 @@ static bool plant(seeding *s, uint32_t vertex) {
     return true;
 }
 
-// Plants seeds in the order of the vertices, none within reach of an earlier
-// one, until all vertices are within reach of one; no more than `limit`. False: out of memory or
-// cancelled.
+// Plants seeds in the order of the vertices, none within reach of an earlier one, until all
+// vertices are within reach of one; no more than `limit`. False: out of memory or cancelled.
 static bool pack_seeds(seeding *s, uint32_t first, size_t limit) {
     const size_t nv = s->clusters->mesh->vertex_count;
     s->count = 0;
@@ -145,7 +144,7 @@ static bool place_seeds(clustering *c, uint32_t first) {
     for (size_t v = 0; v < nv; ++v) {
         area += is_given(c, v) ? 0.0 : c->weights[v] / (c->scales[v] * c->scales[v]);
     }
-    s.reach = packing_reach * sqrt(2.0 / sqrt(3.0) * area / (double)c->count);
+    s.reach = packing_reach * pci_even_spacing(area, c->count);
     // Thin ropes have length but no area: they need a wider reach.
     const size_t limit = c->count / 2 + 1;
     do {

@@ -5,6 +5,11 @@
 
 #include "geometry/halfedge.h"
 
+// Edge length of even triangles around so many clusters of an area.
+static inline double pci_even_spacing(double area, size_t clusters) {
+    return sqrt(2.0 / sqrt(3.0) * area / (double)clusters);
+}
+
 // Partitions the vertices that are not given clusters already into `cluster_count` connected
 // clusters, none empty, that minimise sum_i w_i |x_i - centroid of its cluster|^2 over exchanges
 // along edges.

@@ -3,6 +3,7 @@
 #include "core/heap.h"
 #include "geometry/locality.h"
 #include "geometry/topology.h"
+#include "stages/simplify/clustering.h"
 #include "stages/simplify/corners.h"
 #include "stages/simplify/pleats.h"
 
@@ -109,7 +110,7 @@ static double even_spacing(const pci_halfedge *mesh, const double *scales, size_
             scales != NULL ? (scales[c[0]] + scales[c[1]] + scales[c[2]]) / 3.0 : 1.0;
         area += scale * scale * pci_triangle_area(&view, t);
     }
-    return sqrt(2.0 / sqrt(3.0) * area / (double)clusters);
+    return pci_even_spacing(area, clusters);
 }
 
 // Refines again where the density map wants shorter edges.

@@ -336,11 +336,7 @@ static pc_status measure(pci_scratch *scratch, const pc_mesh *mesh, size_t wante
 
 // Fills what the edges cannot follow.
 static bool fill_notches(pci_scratch *scratch, size_t vertices, pc_mesh *layer) {
-    double area = 0.0;
-    for (size_t t = 0; t < layer->triangle_count; ++t) {
-        area += pci_triangle_area(layer, t);
-    }
-    return pci_fill_notches(scratch, sqrt(2.0 / sqrt(3.0) * area / (double)vertices), layer);
+    return pci_fill_notches(scratch, pci_even_spacing(pc_mesh_area(layer), vertices), layer);
 }
 
 static pc_status begin_sampling(pci_scratch *scratch, const pc_visual *visual, const pc_mesh *layer,

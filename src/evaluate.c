@@ -34,7 +34,7 @@ static const pc_field measure_fields[] = {
     NUMBER(
         doubled_layers, "",
         "Share of the proxy's area with a second layer so close over the same sheet of the visual "
-        "mesh; sheets less than 1/32 of its longest side apart are one"),
+        "mesh; sheets less than 1/32 of its longest side apart are one, but for gaps outside"),
     DEFECT(self_intersections, "Pairs of triangles that cross", "the proxy crosses itself"),
     NUMBER(hausdorff, "diagonal", "Two-sided Hausdorff distance"),
     NUMBER(hausdorff_visual_to_proxy, "diagonal",

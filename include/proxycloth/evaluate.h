@@ -13,11 +13,15 @@
 ///   and so do hems and close folds whose walls are neighbours; garments that really lie in two
 ///   layers this close, for example a folded shirt, count too, and so do the sides of a thin
 ///   sleeve. Standard error at most .008.
-/// - Doubled layers. The part of it in which the proxy has more layers than the garment: along the
-///   same line, one sheet of the visual mesh is nearest to the sample and to another such layer.
-///   Sheets less than D / 32 apart are one, for they are linings and the sides of thick cloth; a
-///   sleeve narrower than that cannot be told from them and counts. The sides of a wider sleeve
-///   give 0, two layers over a single one 1, a proxy of one layer always 0.
+/// - Doubled layers. The part of it in which the proxy has more layers than the garment: the sheets
+///   of the visual mesh that are closest to the sample and to another such layer are less than
+///   D / 32 apart along the same line. So linings and the sides of thick cloth are one sheet; a
+///   sleeve narrower than that cannot be told from them and counts. Where two layers show each
+///   other their outsides, as two legs or the walls of a fold do, what is between them is no cloth:
+///   there they are over one sheet only if the line meets no second one between them, or up to
+///   D / 64 behind them. Outside is the side that looks away from the proxy's middle, on the whole.
+///   The sides of a wider sleeve give 0, two layers over a single one 1, a proxy of one layer
+///   always 0.
 /// - Self-intersections. Pairs that share an edge never count; pairs that share a vertex do when
 ///   they cross beyond it. Touching and coplanar overlap are no crossing.
 /// - Distances. Hausdorff distances between the surfaces, not only their vertices, by branch and

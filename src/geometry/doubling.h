@@ -6,8 +6,8 @@
 
 typedef struct pci_doubling {
     double close; // share of the area with a second, nearly parallel layer within two voxels
-    // Share of the area where the garment's sheet nearest to both layers is the same one. Sheets
-    // less than a voxel apart are one.
+    // Share of the area where such layers lie over the same sheet of the garment. Sheets less than a
+    // voxel apart are one, but not where the layers show each other their outsides.
     double surplus;
 } pci_doubling;
 

@@ -272,6 +272,22 @@ static void narrow_sleeve(double u, double at[2]) {
     at[1] = 0.4 / 32.0 * sin(2.0 * acos(-1.0) * u);
 }
 
+// Square legs, 6 voxels wide and .5 voxels apart.
+static void square(double u, double middle, double at[2]) {
+    const double side = 4.0 * u, part = side - floor(side);
+    const double x[5] = {-1.0, 1.0, 1.0, -1.0, -1.0}, y[5] = {-1.0, -1.0, 1.0, 1.0, -1.0};
+    const size_t i = (size_t)fmin(side, 3.0);
+    const double t = side < 4.0 ? part : 1.0;
+    at[0] = (middle + 3.0 * ((1.0 - t) * x[i] + t * x[i + 1])) / 32.0;
+    at[1] = 3.0 * ((1.0 - t) * y[i] + t * y[i + 1]) / 32.0;
+}
+
+static void left_leg(double u, double at[2]) { square(u, -3.25, at); }
+static void right_leg(double u, double at[2]) { square(u, 3.25, at); }
+
+// The right one without the side that is next to the left one.
+static void open_right_leg(double u, double at[2]) { square(0.75 * u, 3.25, at); }
+
 // A quarter of the width is folded back, .2 voxels above the rest.
 static void folded_hem(double u, double at[2]) {
     const double arc = 1.25 * u;
@@ -282,6 +298,29 @@ static void folded_hem(double u, double at[2]) {
 static void flat(double u, double at[2]) {
     at[0] = u;
     at[1] = 0.0;
+}
+
+// Both meshes as one; frees them.
+static pc_mesh join(pc_context *context, pc_mesh a, pc_mesh b) {
+    pc_mesh mesh =
+        new_mesh(context, a.vertex_count + b.vertex_count, a.triangle_count + b.triangle_count);
+    memcpy(mesh.positions, a.positions, 3 * a.vertex_count * sizeof(double));
+    memcpy(&mesh.positions[3 * a.vertex_count], b.positions, 3 * b.vertex_count * sizeof(double));
+    memcpy(mesh.triangles, a.triangles, 3 * a.triangle_count * sizeof(uint32_t));
+    for (size_t i = 0; i < 3 * b.triangle_count; ++i) {
+        mesh.triangles[3 * a.triangle_count + i] = b.triangles[i] + (uint32_t)a.vertex_count;
+    }
+    pc_mesh_free(context, &a);
+    pc_mesh_free(context, &b);
+    return mesh;
+}
+
+static void turn_over(pc_mesh *mesh) {
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        const uint32_t second = mesh->triangles[3 * t + 1];
+        mesh->triangles[3 * t + 1] = mesh->triangles[3 * t + 2];
+        mesh->triangles[3 * t + 2] = second;
+    }
 }
 
 static void counts_layers_over_one_sheet(void **state) {
@@ -330,6 +369,34 @@ static void tells_sleeves_and_hems_from_doubled_layers(void **state) {
     pc_mesh_free(context, &narrow);
     pc_mesh_free(context, &hem);
     pc_mesh_free(context, &single);
+    pc_context_destroy(context);
+}
+
+static void tells_legs_and_thick_sleeves_from_doubled_layers(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    // One of four sides of each leg is next to the other leg, which makes them no doubled layers;
+    // where the garment has one of the two walls only, they are.
+    pc_mesh legs = join(context, drawn(context, 24, 20, true, left_leg),
+                        drawn(context, 24, 20, true, right_leg));
+    pc_mesh open = join(context, drawn(context, 24, 20, true, left_leg),
+                        drawn(context, 18, 20, false, open_right_leg));
+    for (size_t side = 0; side < 2; ++side) {
+        assert_close(evaluate(context, &legs, &legs).doubled_area, 0.25, 0.02);
+        assert_close(evaluate(context, &legs, &legs).doubled_layers, 0.0, 0.0);
+        assert_close(evaluate(context, &open, &legs).doubled_layers, 0.25, 0.02);
+        turn_over(&legs);
+    }
+    // The skins of thick cloth are one sheet, but those on the other side of a sleeve are another.
+    pc_mesh thick = join(context, drawn(context, 24, 48, true, wide_sleeve),
+                         drawn(context, 24, 48, true, narrow_sleeve));
+    pc_mesh prism = drawn(context, 6, 40, true, wide_sleeve);
+    assert_close(evaluate(context, &thick, &prism).doubled_layers, 0.0, 0.0);
+    assert_close(evaluate(context, &thick, &thick).doubled_layers, 1.0, 0.01);
+    pc_mesh_free(context, &legs);
+    pc_mesh_free(context, &open);
+    pc_mesh_free(context, &thick);
+    pc_mesh_free(context, &prism);
     pc_context_destroy(context);
 }
 
@@ -718,6 +785,7 @@ int main(void) {
         cmocka_unit_test(finds_doubled_layers),
         cmocka_unit_test(counts_layers_over_one_sheet),
         cmocka_unit_test(tells_sleeves_and_hems_from_doubled_layers),
+        cmocka_unit_test(tells_legs_and_thick_sleeves_from_doubled_layers),
         cmocka_unit_test(agrees_with_brute_force_on_crossings),
         cmocka_unit_test(decides_special_positions),
         cmocka_unit_test(measures_shifted_squares),

@@ -3,7 +3,6 @@
 #define _POSIX_C_SOURCE 200809L
 #include "batch.h"
 
-#include <errno.h>
 #include <fcntl.h>
 #include <signal.h>
 #include <stdio.h>

@@ -6,7 +6,6 @@
 #include <errno.h>
 #include <fts.h>
 #include <glob.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>

@@ -2,8 +2,6 @@
 
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
 void print_record(const pc_record *record, const void *values, const char *indent) {
     for (size_t i = 0; i < record->field_count; ++i) {

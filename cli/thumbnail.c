@@ -2,7 +2,6 @@
 
 #include <png.h>
 #include <stdlib.h>
-#include <string.h>
 
 enum {
     CHANNELS = 3,

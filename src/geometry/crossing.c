@@ -5,7 +5,6 @@
 
 #include <stdlib.h>
 
-#include "geometry/topology.h"
 
 #define RELATIVE_ZERO 1e-12
 

@@ -1,5 +1,4 @@
 // An asset file -> an asset. Nothing in the file is trusted.
-#include <stdio.h>
 
 #include "io/asset_hdf5.h"
 #include "io/atomic_file.h"

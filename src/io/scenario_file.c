@@ -1,7 +1,6 @@
 // Scenario <-> JSON. Every message starts with the file's name and the path of the key.
 #include "io/scenario_file.h"
 
-#include <stdio.h>
 
 #include "io/atomic_file.h"
 #include "io/json.h"

@@ -1,5 +1,4 @@
 // An animation strip: turntables and frames of a finished asset in rows.
-#include <stdio.h>
 
 #include "core/core.h"
 #include "geometry/render.h"

@@ -1,6 +1,5 @@
 #include "solvers/elimination.h"
 
-#include <stdlib.h>
 
 // The least cost of everything already eliminated around vertex `top`, as a function of the labels
 // of the vertices in `scope`; entry bit k is the label of scope[k].

@@ -1,6 +1,5 @@
 // The reader of foreign weights of `evaluate --motion`, for the square of the corpus as garment and
 // proxy.
-#include <string.h>
 
 #include "fuzz.h"
 

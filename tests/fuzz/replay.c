@@ -2,7 +2,6 @@
 #define _POSIX_C_SOURCE 200809L
 #include <dirent.h>
 #include <stdio.h>
-#include <string.h>
 
 #include "fuzz.h"
 

@@ -2,7 +2,6 @@
 
 #include "geometry/bvh.h"
 #include "geometry/hems.h"
-#include "geometry/topology.h"
 #include "stages/carve/border.h"
 #include "support/memory.h"
 #include "support/surfaces.h"

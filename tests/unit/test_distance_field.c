@@ -1,5 +1,4 @@
 #include "geometry/distance_field.h"
-#include "geometry/topology.h"
 #include "support/shapes.h"
 
 static void winding_numbers_tell_inside_from_outside(void **state) {

@@ -1,7 +1,6 @@
 #include "geometry/bvh.h"
 #include "geometry/crossing.h"
 #include "geometry/hausdorff.h"
-#include "geometry/topology.h"
 #include "support/memory.h"
 #include "support/test.h"
 

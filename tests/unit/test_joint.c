@@ -2,7 +2,6 @@
 #include "support/test.h"
 
 #include "geometry/quadric.h"
-#include "proxycloth/proxycloth.h"
 #include "support/proxy_shape.h"
 #include "support/surfaces.h"
 

@@ -1,7 +1,6 @@
 // Labelling: every claim (objective, bound, optimality) is checked against enumeration.
 #include <float.h>
 #include <stdio.h>
-#include <stdlib.h>
 
 #include "support/memory.h"
 

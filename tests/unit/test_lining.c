@@ -1,7 +1,6 @@
 // Linings that hang together with the cloth: what is peeled, and what are two sides of a garment.
 #include "support/test.h"
 
-#include "geometry/manifold.h"
 #include "stages/carve/lining.h"
 #include "support/manifold.h"
 #include "support/memory.h"

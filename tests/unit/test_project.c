@@ -1,6 +1,6 @@
 #include <stdlib.h>
 
-#include "geometry/bvh.h"
+#include "geometry/triangle_distance.h"
 #include "geometry/topology.h"
 #include "support/memory.h"
 #include "support/obj.h"

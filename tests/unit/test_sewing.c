@@ -1,7 +1,6 @@
 // Garments that are worn over each other: what is cut away and what is sewn together.
 #include "support/test.h"
 
-#include "geometry/manifold.h"
 #include "stages/carve/sewing.h"
 #include "support/manifold.h"
 #include "support/memory.h"

@@ -1,5 +1,4 @@
 // Programs over signed graphs, as the labelling makes them: results are compared with enumeration.
-#include <stdlib.h>
 
 #include "solvers/cycle_bound.h"
 #include "solvers/cycle_search.h"

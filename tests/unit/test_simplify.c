@@ -1,6 +1,6 @@
 #include "support/test.h"
 
-#include "geometry/bvh.h"
+#include "geometry/triangle_distance.h"
 #include "geometry/topology.h"
 #include "stages/simplify/density.h"
 #include "stages/simplify/pleats.h"

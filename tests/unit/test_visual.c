@@ -1,6 +1,5 @@
 // pc_visual_create against hand-made meshes; welding against an O(n^2) oracle.
 #include <float.h>
-#include <stdlib.h>
 
 #include "support/memory.h"
 

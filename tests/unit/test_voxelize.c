@@ -2,7 +2,7 @@
 
 #include <stdlib.h>
 
-#include "geometry/bvh.h"
+#include "geometry/triangle_distance.h"
 #include "support/surfaces.h"
 
 // ---- surfaces -----------------------------------------------------------------------------------

@@ -1,6 +1,6 @@
 #include "stages/simplify/fit.h"
 
-#include "geometry/bvh.h"
+#include "geometry/triangle_distance.h"
 #include "stages/simplify/improve.h"
 
 enum { grain = 512, face_grain = 16 };

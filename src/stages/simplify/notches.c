@@ -2,7 +2,7 @@
 
 #include <stdlib.h>
 
-#include "geometry/bvh.h"
+#include "geometry/triangle_distance.h"
 #include "geometry/halfedge.h"
 
 // Mouth and depth of notches that are filled, in expected edge lengths.

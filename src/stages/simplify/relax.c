@@ -1,6 +1,6 @@
 #include "stages/simplify/relax.h"
 
-#include "geometry/bvh.h"
+#include "geometry/triangle_distance.h"
 
 // Quality 2 sqrt(3) |area vector| / sum of squared edge lengths: 1 for an equilateral triangle, 0
 // for a degenerate one, negative where the triangle turns its back to the fine surface.

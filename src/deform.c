@@ -165,6 +165,19 @@ static pc_status build_estimator(pc_context *context, const pc_deform_arrays *a,
     return status;
 }
 
+// The kernel of the best instruction set of this processor.
+static const pci_deform_kernel *best_kernel(void) {
+#if defined(__x86_64__)
+    if (__builtin_cpu_supports("avx512f")) {
+        return &pci_deform_avx512;
+    }
+    if (__builtin_cpu_supports("avx2")) {
+        return &pci_deform_avx2;
+    }
+#endif
+    return &pci_deform_generic;
+}
+
 static pc_status fill(pc_context *context, const pc_deform_arrays *a, pc_deformer *deformer) {
     const size_t blocks = (a->vertex_count + PCI_DEFORM_BLOCK - 1) / PCI_DEFORM_BLOCK;
     const bool normals = a->normals != NULL;
@@ -172,7 +185,7 @@ static pc_status fill(pc_context *context, const pc_deform_arrays *a, pc_deforme
     deformer->vertex_count = a->vertex_count;
     deformer->joint_count = a->joint_count;
     deformer->bone_count = a->bone_count;
-    deformer->kernel = pci_deform_kernel_best();
+    deformer->kernel = best_kernel();
     deformer->rows.set_count = (a->influences + PCI_DEFORM_SET - 1) / PCI_DEFORM_SET;
     const size_t bytes = blocks * pci_deform_block_bytes(&deformer->rows);
     deformer->memory =
@@ -301,18 +314,6 @@ pc_status pc_deform_prepare_asset(pc_context *context, const pc_asset *asset,
 }
 
 // ---- every frame --------------------------------------------------------------------------------
-
-const pci_deform_kernel *pci_deform_kernel_best(void) {
-#if defined(__x86_64__)
-    if (__builtin_cpu_supports("avx512f")) {
-        return &pci_deform_avx512;
-    }
-    if (__builtin_cpu_supports("avx2")) {
-        return &pci_deform_avx2;
-    }
-#endif
-    return &pci_deform_generic;
-}
 
 static inline const float *joint_at(const float *joints, size_t stride, size_t joint) {
     return (const float *)(const void *)((const char *)joints + joint * stride);

@@ -38,9 +38,6 @@ typedef struct pci_deform_kernel {
                     char *output, size_t stride);
 } pci_deform_kernel;
 
-// The kernel of the best instruction set of this processor.
-const pci_deform_kernel *pci_deform_kernel_best(void);
-
 extern const pci_deform_kernel pci_deform_generic;
 #if defined(__x86_64__)
 extern const pci_deform_kernel pci_deform_avx2, pci_deform_avx512;

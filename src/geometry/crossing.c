@@ -5,7 +5,6 @@
 
 #include <stdlib.h>
 
-
 #define RELATIVE_ZERO 1e-12
 
 // Signed distances of three points from the plane of a triangle. False: the triangle has no plane.
@@ -55,8 +54,10 @@ static void stretch(const double triangle[9], const double distance[3], const do
     }
 }
 
-double pci_crossing_length(const double a[9], unsigned shared_a, const double b[9],
-                           unsigned shared_b) {
+// Bit i of `shared_a` marks corner i of `a` as a corner of `b` too, and the same for `shared_b`:
+// such a corner is exactly on the other plane.
+static double crossing_length(const double a[9], unsigned shared_a, const double b[9],
+                              unsigned shared_b) {
     // Coordinates relative to a corner, so that the position in space costs no digits.
     double p[9], q[9], extent = 0.0;
     for (size_t i = 0; i < 3; ++i) {
@@ -124,7 +125,7 @@ double pci_pair_crossing_length(const pc_mesh *mesh, uint32_t first, uint32_t se
             }
         }
     }
-    return shared < 2 ? pci_crossing_length(a, shared_a, b, shared_b) : 0.0;
+    return shared < 2 ? crossing_length(a, shared_a, b, shared_b) : 0.0;
 }
 
 bool pci_pair_crosses(const pc_mesh *mesh, uint32_t first, uint32_t second) {

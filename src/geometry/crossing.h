@@ -8,15 +8,11 @@
 // The length of the piece that two triangles share of the line between their planes, where they
 // cross: each has corners strictly on both sides of the other's plane; otherwise 0. Lengths below
 // 1e-12 of the pair's extent count as zero, so touching, coplanar overlap and degenerate triangles
-// are no crossing. Bit i of `shared_a` marks corner i of `a` as a corner of `b` too, and the same
-// for `shared_b`: such a corner is exactly on the other plane, and a crossing has to go on beyond
-// it.
-double pci_crossing_length(const double a[9], unsigned shared_a, const double b[9],
-                           unsigned shared_b);
-
-// The same for two triangles of a mesh; false and 0 when they share two or three vertices.
-bool pci_pair_crosses(const pc_mesh *mesh, uint32_t first, uint32_t second);
+// are no crossing. A crossing goes on beyond a vertex that they share; 0 when they share two or
+// three.
 double pci_pair_crossing_length(const pc_mesh *mesh, uint32_t first, uint32_t second);
+// Whether they cross.
+bool pci_pair_crosses(const pc_mesh *mesh, uint32_t first, uint32_t second);
 
 // Pairs of triangles that cross, in an order that does not depend on the number of threads; pairs
 // that share two or three vertices are not looked at. `pairs` (2 by count, from scratch) may be

@@ -5,16 +5,6 @@
 #include "geometry/bvh.h"
 #include "geometry/knn.h"
 
-// How far the centre of the surface inside a small ball lies beside the ball's centre, in radii:
-// 0 inside a surface, 0.3 on a square edge, 4 / (3 pi) = 0.42 where one or more sheets end. `point`
-// lies on the mesh. Where too many triangles are inside, the ball is halved. `inward`: the way to
-// the surface's centre, unit or zero.
-double pci_one_sided(const pci_bvh *bvh, const pc_mesh *mesh, const double point[3], double radius,
-                     double inward[3]);
-
-// Above this a point lies on a rim; between a square edge and the end of a sheet.
-#define PCI_RIM_ONE_SIDED 0.34
-
 // Points on rims; arrays live in scratch memory.
 typedef struct pci_rims {
     pci_knn points;

@@ -18,7 +18,7 @@ bool pci_json_fail(pci_json_reader *r, const char *format, ...) {
     return false;
 }
 
-bool pci_json_out_of_memory(pci_json_reader *r) {
+static bool out_of_memory(pci_json_reader *r) {
     if (r->status == PC_OK) {
         r->status = pci_fail_memory(r->context, r->stage);
     }
@@ -85,8 +85,8 @@ static const cJSON *find(pci_json_reader *r, const cJSON *object, const char *ke
     return item;
 }
 
-bool pci_json_check_number(pci_json_reader *r, const cJSON *item, double minimum, double maximum,
-                           double *value) {
+static bool check_number(pci_json_reader *r, const cJSON *item, double minimum, double maximum,
+                         double *value) {
     if (!cJSON_IsNumber(item)) {
         return pci_json_fail(r, "must be a number");
     }
@@ -105,7 +105,7 @@ bool pci_json_read_number(pci_json_reader *r, const cJSON *object, const char *k
         return !required;
     }
     const size_t length = pci_json_enter_key(r, key);
-    const bool good = pci_json_check_number(r, item, minimum, maximum, value);
+    const bool good = check_number(r, item, minimum, maximum, value);
     pci_json_leave(r, length);
     return good;
 }
@@ -122,8 +122,7 @@ bool pci_json_read_vector(pci_json_reader *r, const cJSON *object, const char *k
     }
     for (size_t k = 0; k < count; ++k) {
         const size_t inner = pci_json_enter_index(r, k);
-        if (!pci_json_check_number(r, cJSON_GetArrayItem(item, (int)k), -limit, limit,
-                                   &values[k])) {
+        if (!check_number(r, cJSON_GetArrayItem(item, (int)k), -limit, limit, &values[k])) {
             return false;
         }
         pci_json_leave(r, inner);
@@ -184,7 +183,7 @@ bool pci_json_begin_list(pci_json_reader *r, const cJSON *list, size_t element_s
     const size_t wanted = (size_t)cJSON_GetArraySize(list);
     *elements = pci_allocate(r->context, wanted, element_size);
     *count = *elements != NULL ? wanted : 0;
-    return *elements != NULL || pci_json_out_of_memory(r);
+    return *elements != NULL || out_of_memory(r);
 }
 
 bool pci_json_fail_as_told(pci_json_reader *r) {

@@ -23,7 +23,6 @@ cJSON *pci_json_parse(pci_json_reader *r, const char *text, size_t size);
 __attribute__((format(printf, 2, 3))) bool pci_json_fail(pci_json_reader *r, const char *format,
                                                          ...);
 bool pci_json_fail_as_told(pci_json_reader *r);
-bool pci_json_out_of_memory(pci_json_reader *r);
 
 // Append to the path; both return the length to which pci_json_leave shortens it again.
 size_t pci_json_enter_key(pci_json_reader *r, const char *key);
@@ -35,8 +34,6 @@ bool pci_json_has_key(const cJSON *object, const char *key);
 bool pci_json_check_unique(pci_json_reader *r, const cJSON *object, const cJSON *item);
 // Whether `object` is an object, and has no key twice and none but `keys` (NULL-terminated).
 bool pci_json_check_object(pci_json_reader *r, const cJSON *object, const char *const *keys);
-bool pci_json_check_number(pci_json_reader *r, const cJSON *item, double minimum, double maximum,
-                           double *value);
 
 // Each of the following leaves `value` alone where the key is missing and not required.
 bool pci_json_read_number(pci_json_reader *r, const cJSON *object, const char *key, bool required,

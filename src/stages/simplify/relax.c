@@ -181,7 +181,9 @@ void pci_relax_place(pci_relaxation *r) {
 
 // ---- sliding ----------------------------------------------------------------------------------
 
-bool pci_relax_target(const pci_relaxation *r, uint32_t v, double target[3]) {
+// Where a vertex should be for even triangles: amid its border neighbours, or at the centroid of
+// its triangles weighted by area (a step of Lloyd's method). False: its triangles have no area.
+static bool even_place(const pci_relaxation *r, uint32_t v, double target[3]) {
     const pci_halfedge *coarse = r->coarse;
     if (pci_is_border_vertex(coarse, v)) {
         const double *next = coarse_point(r, pci_target(coarse, coarse->outgoing[v]));
@@ -223,7 +225,7 @@ static bool slide(pci_relaxation *r, uint32_t v) {
     static const double good = 0.8;
     double start[3], target[3];
     memcpy(start, coarse_point(r, v), sizeof(start));
-    if (!pci_relax_target(r, v, target)) {
+    if (!even_place(r, v, target)) {
         return false;
     }
     const uint32_t foot = r->feet[v];

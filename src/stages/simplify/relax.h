@@ -43,9 +43,6 @@ size_t pci_relax_pass(pci_relaxation *relaxation);
 bool pci_relax_may_flip(const pci_relaxation *relaxation, uint32_t edge);
 // One pass of flipping only.
 size_t pci_relax_flip(pci_relaxation *relaxation);
-// Where a vertex should be for even triangles: amid its border neighbours, or at the centroid of
-// its triangles weighted by area (a step of Lloyd's method). False: its triangles have no area.
-bool pci_relax_target(const pci_relaxation *relaxation, uint32_t vertex, double target[3]);
 // Worst quality of the triangles at a vertex: 1 equilateral, 0 degenerate, negative turned over.
 double pci_relax_quality(const pci_relaxation *relaxation, uint32_t vertex);
 // Least angle of a triangle in degrees; 0: it has no area.

@@ -46,6 +46,14 @@ float *pci_glb_add_floats(pci_glb *glb, size_t count, uint32_t tuple, int target
     return values;
 }
 
+float *pci_glb_add_attribute(pci_glb *glb, cJSON *attributes, const char *name, size_t count,
+                             uint32_t tuple) {
+    cJSON *accessor = NULL;
+    float *values = pci_glb_add_floats(glb, count, tuple, GL_ARRAY_BUFFER, &accessor);
+    pci_json_count(&glb->json, attributes, name, glb->accessor_count - 1);
+    return values;
+}
+
 void pci_glb_add_limits(pci_glb *glb, cJSON *accessor, const float *values, size_t count,
                         size_t tuple) {
     cJSON *minimum = pci_json_array(&glb->json, accessor, "min");

@@ -1,5 +1,5 @@
-// A binary glTF file under construction: its buffer (glb_writer.c) and what glb.c shares with
-// glb_body.c.
+// A binary glTF file under construction: its buffer (glb_writer.c), and the parts from which glb.c
+// puts it together.
 #ifndef PCI_GLB_WRITER_H
 #define PCI_GLB_WRITER_H
 
@@ -31,6 +31,11 @@ typedef struct pci_glb {
     pc_body_skin body;                 // empty: the garment follows the proxy alone
 } pci_glb;
 
+// Whether memory ran out; what is built from then on is of no use.
+static inline bool pci_glb_failed(const pci_glb *glb) {
+    return glb->scratch.failed || glb->json.failed;
+}
+
 // Appends a buffer view, aligned to 4 bytes. The memory stays valid until the next view; NULL when
 // memory ran out.
 void *pci_glb_add_view(pci_glb *glb, size_t size, int target);
@@ -39,8 +44,38 @@ cJSON *pci_glb_add_accessor(pci_glb *glb, size_t offset, int component, size_t c
                             const char *type);
 // A view of its own for `count` tuples of floats.
 float *pci_glb_add_floats(pci_glb *glb, size_t count, uint32_t tuple, int target, cJSON **accessor);
+// The same for an attribute of a primitive.
+float *pci_glb_add_attribute(pci_glb *glb, cJSON *attributes, const char *name, size_t count,
+                             uint32_t tuple);
+// The least and the largest value of each of the tuple's elements.
 void pci_glb_add_limits(pci_glb *glb, cJSON *accessor, const float *values, size_t count,
                         size_t tuple);
+
+// ---- skinning weights (glb_weights.c) -----------------------------------------------------------
+
+// Weights as engines take them: falling, no joint twice, unused slots joint 0 with weight 0. As
+// floats the sum is as close to 1 as floats allow, as integers it is exactly `whole`.
+typedef struct pci_glb_weights {
+    uint32_t slots; // multiple of 4
+    uint32_t whole; // what stands for 1: 255, 65535, or 0 for floats
+    uint32_t *joints;
+    float *weights;
+} pci_glb_weights;
+
+// What stands for a weight of 1 in the file, by the asset's options.
+uint32_t pci_glb_weight_whole(const pci_glb *glb);
+// Fills all but `whole`, from scratch.
+void pci_glb_pack_weights(pci_glb *glb, const pc_skin *skin, pci_glb_weights *weights);
+// JOINTS_n and WEIGHTS_n for the vertices `rows` (NULL: all in order) of the packed weights.
+void pci_glb_add_weights(pci_glb *glb, cJSON *attributes, const pci_glb_weights *weights,
+                         const uint32_t *rows, size_t count);
+
+// ---- meshes (glb_mesh.c) ------------------------------------------------------------------------
+
+// The visual mesh, a primitive for each material.
+void pci_glb_add_visual_mesh(pci_glb *glb);
+// The proxy mesh: vertex i follows joint i alone.
+void pci_glb_add_proxy_mesh(pci_glb *glb);
 
 // ---- the skeleton of the character (glb_body.c); nothing where `body` is empty ------------------
 

@@ -383,47 +383,6 @@ size_t pci_manifold_components(pci_scratch *scratch, const pc_mesh *mesh, uint32
     return count;
 }
 
-size_t pci_nonmanifold_vertex_count(pci_scratch *scratch, const pc_mesh *mesh,
-                                    const pci_topology *topology) {
-    size_t largest = 0, count = 0;
-    for (size_t v = 0; v < mesh->vertex_count; ++v) {
-        const size_t degree =
-            topology->vertex_triangle_offsets[v + 1] - topology->vertex_triangle_offsets[v];
-        largest = degree > largest ? degree : largest;
-    }
-    uint32_t *parents = PCI_SCRATCH(scratch, uint32_t, largest);
-    uint32_t *seen_at = PCI_SCRATCH(scratch, uint32_t, topology->edge_count);
-    uint32_t *seen_by = PCI_SCRATCH(scratch, uint32_t, topology->edge_count);
-    if (scratch->failed) {
-        return 0;
-    }
-    memset(seen_at, 0xff, topology->edge_count * sizeof(*seen_at));
-    for (size_t v = 0; v < mesh->vertex_count; ++v) {
-        // Join the triangles of the vertex across the edges at the vertex.
-        const size_t begin = topology->vertex_triangle_offsets[v];
-        const size_t degree = topology->vertex_triangle_offsets[v + 1] - begin;
-        size_t groups = degree;
-        for (uint32_t i = 0; i < degree; ++i) {
-            parents[i] = i;
-            const size_t t = topology->vertex_triangles[begin + i];
-            for (size_t half = 3 * t; half < 3 * t + 3; ++half) {
-                const uint32_t e = topology->triangle_edges[half];
-                if (e == PC_INVALID_INDEX || (topology->edges[2 * (size_t)e] != v &&
-                                              topology->edges[2 * (size_t)e + 1] != v)) {
-                    continue;
-                }
-                if (seen_at[e] == v) {
-                    groups -= pci_unite(parents, i, seen_by[e]);
-                }
-                seen_at[e] = (uint32_t)v;
-                seen_by[e] = i;
-            }
-        }
-        count += groups > 1;
-    }
-    return count;
-}
-
 bool pci_mesh_compact(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *keep,
                       pc_mesh *result, uint32_t **kept_vertices) {
     pc_context *context = scratch->context;

@@ -73,9 +73,6 @@ bool pci_find_shape(pci_scratch *scratch, const pc_mesh *mesh, pci_shape *shape)
 bool pci_same_topology(const pci_shape *a, const pci_shape *b);
 
 size_t pci_nonmanifold_edge_count(const pci_topology *topology);
-// Vertices whose triangles form more than one fan.
-size_t pci_nonmanifold_vertex_count(pci_scratch *scratch, const pc_mesh *mesh,
-                                    const pci_topology *topology);
 
 // Copies a mesh, keeping only marked triangles (NULL: all) and the vertices they use, in order.
 // `kept_vertices` (may be NULL) receives the old index of each new vertex, from scratch. The result

@@ -19,7 +19,7 @@ static inline shape check_manifold(pc_context *context, const pc_mesh *mesh) {
     pci_scratch scratch = pci_scratch_begin(context);
     pci_topology topology;
     assert_true(pci_topology_build(&scratch, mesh, &topology));
-    assert_manifold(&scratch, mesh, &topology);
+    assert_manifold(mesh, &topology);
     shape result = {.angle_worst = 180.0};
     for (size_t t = 0; t < mesh->triangle_count; ++t) {
         const uint32_t *corner = &mesh->triangles[3 * t];

@@ -12,7 +12,7 @@ static void check_layer(pc_context *context, const pc_mesh *mesh, const pc_carve
     pci_scratch scratch = pci_scratch_begin(context);
     pci_topology topology;
     assert_true(pci_topology_build(&scratch, mesh, &topology));
-    assert_manifold(&scratch, mesh, &topology);
+    assert_manifold(mesh, &topology);
     assert_int_equal(report->vertices, mesh->vertex_count);
     assert_int_equal(report->triangles, mesh->triangle_count);
     pci_scratch_end(&scratch);

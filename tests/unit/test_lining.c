@@ -12,7 +12,7 @@ static bool peel(pc_context *context, pc_mesh *mesh, double reach) {
     bool peeled = false;
     assert_ok(context, pci_peel_linings(&scratch, "test", NULL, reach, 0.0, mesh, &peeled));
     assert_true(pci_topology_build(&scratch, mesh, &topology));
-    assert_manifold(&scratch, mesh, &topology);
+    assert_manifold(mesh, &topology);
     pci_scratch_end(&scratch);
     return peeled;
 }

@@ -28,7 +28,7 @@ static size_t count_parts(pc_context *context, const pc_mesh *mesh) {
     pc_mesh repaired = {0};
     assert_true(pci_mesh_repair(&scratch, mesh, NULL, &repaired, &counts));
     assert_true(pci_topology_build(&scratch, &repaired, &topology));
-    assert_manifold(&scratch, &repaired, &topology);
+    assert_manifold(&repaired, &topology);
     assert_int_equal(repaired.triangle_count, mesh->triangle_count);
     uint32_t *component = PCI_SCRATCH(&scratch, uint32_t, repaired.triangle_count);
     assert_non_null(component);

@@ -34,7 +34,7 @@ static bool sew(pc_context *context, pc_mesh *mesh, double reach, size_t *compon
     uint32_t *loops = NULL;
     assert_ok(context, pci_sew_parts(&scratch, "test", reach, mesh, &sewn));
     assert_true(pci_topology_build(&scratch, mesh, &topology));
-    assert_manifold(&scratch, mesh, &topology);
+    assert_manifold(mesh, &topology);
     uint32_t *component = PCI_SCRATCH(&scratch, uint32_t, mesh->triangle_count);
     assert_non_null(component);
     *components = pci_triangle_components(&scratch, mesh, &topology, component);

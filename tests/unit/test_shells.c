@@ -16,7 +16,7 @@ static double peel(pc_context *context, const pc_mesh *mesh, double thickest, pc
     assert_true(pci_mesh_repair(&scratch, mesh, NULL, peeled, &counts));
     assert_ok(context, pci_peel_shells(&scratch, "test", thickest, peeled, &thickness));
     assert_true(pci_topology_build(&scratch, peeled, &topology));
-    assert_manifold(&scratch, peeled, &topology);
+    assert_manifold(peeled, &topology);
     pci_scratch_end(&scratch);
     return thickness;
 }

@@ -308,12 +308,14 @@ static pc_status measure_boundary(pc_context *context, const pc_mesh *visual,
                                   const pci_bvh *visual_bvh, const pc_mesh *proxy, double voxel,
                                   double diagonal, pc_measures *measures) {
     pci_scratch scratch = pci_scratch_begin(context);
+    pci_topology topology;
     pci_hems hems;
     curves openings = {{0}, NULL, 0.0}, boundary = {{0}, NULL, 0.0};
     double *points = NULL;
     size_t count = 0;
     pc_status status = PC_OK;
-    if (!pci_find_hems(&scratch, visual, visual_bvh, voxel, &hems) ||
+    if (!pci_topology_build_edges(&scratch, visual, &topology) ||
+        !pci_find_hems(&scratch, visual, &topology, visual_bvh, voxel, &hems) ||
         !boundary_segments(&scratch, proxy, &points, &count)) {
         status = pci_fail_memory(context, stage);
     }

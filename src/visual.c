@@ -2,6 +2,7 @@
 #include <stdlib.h>
 
 #include "core/core.h"
+#include "core/sorting.h"
 #include "geometry/topology.h"
 #include "proxycloth/pipeline.h"
 
@@ -402,7 +403,9 @@ static bool count_edge_defects(pci_scratch *scratch, const pc_mesh *mesh, const 
             keys[count++] = a < b ? a << 32 | b << 1 : b << 32 | a << 1 | 1;
         }
     }
-    qsort(keys, count, sizeof(*keys), pci_compare_u64);
+    if (!pci_sort_keys(scratch->context, count, keys, NULL)) {
+        return false;
+    }
     for (size_t i = 0, end = 0; i < count; i = end) {
         while (end < count && keys[end] >> 1 == keys[i] >> 1) {
             ++end;

@@ -82,6 +82,8 @@ pci_scratch pci_scratch_begin(pc_context *context);
 void pci_scratch_end(pci_scratch *scratch);
 // Releases one piece before the others; not of those that are aligned. NULL is accepted.
 void pci_scratch_release(pci_scratch *scratch, void *memory);
+// Releases what was allocated since `blocks` was `mark`.
+void pci_scratch_rewind(pci_scratch *scratch, const struct pci_scratch_block *mark);
 // Zeroed; NULL on failure, which also sets `failed`.
 void *pci_scratch_allocate(pci_scratch *scratch, size_t count, size_t size);
 // The same, aligned to 64 bytes: a line of the cache, and the widest register.

@@ -54,14 +54,14 @@ pci_scratch pci_scratch_begin(pc_context *context) {
     return scratch;
 }
 
-void pci_scratch_end(pci_scratch *scratch) {
-    struct pci_scratch_block *block = scratch->blocks;
-    while (block != NULL) {
-        struct pci_scratch_block *next = block->next;
+void pci_scratch_end(pci_scratch *scratch) { pci_scratch_rewind(scratch, NULL); }
+
+void pci_scratch_rewind(pci_scratch *scratch, const struct pci_scratch_block *mark) {
+    while (scratch->blocks != mark) {
+        struct pci_scratch_block *block = scratch->blocks;
+        scratch->blocks = block->next;
         pc_release(scratch->context, block);
-        block = next;
     }
-    scratch->blocks = NULL;
 }
 
 void pci_scratch_release(pci_scratch *scratch, void *memory) {

@@ -57,3 +57,50 @@ bool pci_sort_by_number(pc_context *context, void *records, size_t count, size_t
     pci_scratch_end(&scratch);
     return done;
 }
+
+// Digit by digit from the lowest; those that all keys share cost nothing.
+bool pci_sort_keys(pc_context *context, size_t count, uint64_t *keys, uint32_t *values) {
+    enum { digits = 8, bits = 8, base = 1 << bits };
+    pci_scratch scratch = pci_scratch_begin(context);
+    size_t next[digits][base] = {{0}};
+    uint64_t *from = keys, *to = PCI_SCRATCH(&scratch, uint64_t, count);
+    uint32_t *from_value = values, *to_value = NULL;
+    if (values != NULL) {
+        to_value = PCI_SCRATCH(&scratch, uint32_t, count);
+    }
+    const bool done = !scratch.failed;
+    for (size_t i = 0; i < count && done; ++i) {
+        for (size_t d = 0; d < digits; ++d) {
+            ++next[d][keys[i] >> bits * d & (base - 1)];
+        }
+    }
+    for (size_t d = 0; d < digits && count > 1 && done; ++d) {
+        if (next[d][keys[0] >> bits * d & (base - 1)] == count) {
+            continue;
+        }
+        for (size_t k = 0, sum = 0; k < base; ++k) {
+            const size_t share = next[d][k];
+            next[d][k] = sum;
+            sum += share;
+        }
+        for (size_t i = 0; i < count; ++i) {
+            const size_t at = next[d][from[i] >> bits * d & (base - 1)]++;
+            to[at] = from[i];
+            if (values != NULL) {
+                to_value[at] = from_value[i];
+            }
+        }
+        uint64_t *const written = to;
+        uint32_t *const written_value = to_value;
+        to = from, to_value = from_value;
+        from = written, from_value = written_value;
+    }
+    if (done && from != keys) {
+        memcpy(keys, from, count * sizeof(*keys));
+        if (values != NULL) {
+            memcpy(values, from_value, count * sizeof(*values));
+        }
+    }
+    pci_scratch_end(&scratch);
+    return done;
+}

@@ -157,11 +157,11 @@ static bool same_triangles(const pc_mesh *a, const pc_mesh *b) {
     return same;
 }
 
-// A copy of the shared tree, for a mesh with the same triangles.
+// The shared tree with leaves for a mesh with the same triangles.
 static pc_status copy_shared(pc_context *context, const char *stage, const pc_mesh *mesh,
                              pci_bvh **bvh) {
     const pci_bvh *shared = context->shared_bvh;
-    const size_t node_count = shared->tree.node_count, leaf_count = shared->tree.leaf_count;
+    const size_t leaf_count = shared->tree.leaf_count;
     pci_bvh *copy = PCI_ALLOCATE(context, pci_bvh, 1);
     if (copy == NULL) {
         return pci_fail_memory(context, stage);
@@ -170,13 +170,11 @@ static pc_status copy_shared(pc_context *context, const char *stage, const pc_me
     copy->mesh = mesh;
     copy->memory = pci_scratch_begin(context);
     pci_bvh_tree *tree = &copy->tree;
-    tree->nodes = pci_scratch_allocate_aligned(&copy->memory, node_count, sizeof(*tree->nodes));
     tree->leaves = pci_scratch_allocate_aligned(&copy->memory, leaf_count, sizeof(*tree->leaves));
     if (copy->memory.failed) {
         pci_bvh_destroy(context, copy);
         return pci_fail_memory(context, stage);
     }
-    memcpy(tree->nodes, shared->tree.nodes, node_count * sizeof(*tree->nodes));
     if (leaf_count > 0) {
         memcpy(tree->leaves, shared->tree.leaves, leaf_count * sizeof(*tree->leaves));
     }

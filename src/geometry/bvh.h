@@ -19,7 +19,8 @@ void pci_bvh_destroy(pc_context *context, pci_bvh *bvh); // NULL is accepted
 
 // From now on one tree of this mesh, built when it is first needed, serves all that create one of
 // it or of a mesh with the same triangles in the same order, until this is called with another mesh
-// or NULL. Between the calls the mesh must stay alive and unchanged.
+// or NULL; those that have one must have destroyed it by then. Between the calls the mesh must stay
+// alive and unchanged.
 void pci_bvh_share(pc_context *context, const pc_mesh *mesh);
 bool pci_bvh_shares(const pc_context *context); // whether there is such a mesh
 

@@ -1,7 +1,5 @@
 #include "geometry/hems.h"
 
-#include "core/sorting.h"
-
 // All edges of a soup are free: then pieces are longer, as far as there are not more edges.
 enum { most_pieces = 1 << 17 };
 
@@ -9,15 +7,26 @@ typedef struct side {
     uint32_t a, b, c; // edge a < b, opposite corner
 } side;
 
-static int compare_sides(const void *left, const void *right) {
-    const side *x = left, *y = right;
-    if (x->a != y->a) {
-        return x->a < y->a ? -1 : 1;
+// Whether an edge has one triangle, or copies of one.
+static bool is_free(const pc_mesh *mesh, const pci_topology *topology, size_t edge, side *s) {
+    const uint32_t a = topology->edges[2 * edge], b = topology->edges[2 * edge + 1];
+    *s = (side){a, b, PC_INVALID_INDEX};
+    for (size_t i = topology->edge_triangle_offsets[edge];
+         i < topology->edge_triangle_offsets[edge + 1]; ++i) {
+        const uint32_t *corner = &mesh->triangles[3 * (size_t)topology->edge_triangles[i]];
+        if (corner[0] == corner[1] || corner[1] == corner[2] || corner[2] == corner[0]) {
+            continue;
+        }
+        size_t c = 0;
+        while (corner[c] == a || corner[c] == b) {
+            ++c;
+        }
+        if (s->c != PC_INVALID_INDEX && s->c != corner[c]) {
+            return false;
+        }
+        s->c = corner[c];
     }
-    if (x->b != y->b) {
-        return x->b < y->b ? -1 : 1;
-    }
-    return (x->c > y->c) - (x->c < y->c);
+    return s->c != PC_INVALID_INDEX;
 }
 
 // In the plane of the triangle, at a right angle to the edge, towards the opposite corner.
@@ -86,41 +95,20 @@ static void probe_sides(void *user, size_t begin, size_t end, uint32_t worker) {
     }
 }
 
-bool pci_find_hems(pci_scratch *scratch, const pc_mesh *mesh, const pci_bvh *bvh, double reach,
-                   pci_hems *hems) {
+bool pci_find_hems(pci_scratch *scratch, const pc_mesh *mesh, const pci_topology *topology,
+                   const pci_bvh *bvh, double reach, pci_hems *hems) {
     memset(hems, 0, sizeof(*hems));
-    side *sides = PCI_SCRATCH(scratch, side, 3 * mesh->triangle_count);
-    if (sides == NULL) {
-        return false;
+    side any;
+    size_t free_count = 0;
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        free_count += is_free(mesh, topology, e, &any);
     }
-    size_t count = 0, free_count = 0;
-    for (size_t t = 0; t < mesh->triangle_count; ++t) {
-        const uint32_t *corner = &mesh->triangles[3 * t];
-        if (corner[0] == corner[1] || corner[1] == corner[2] || corner[2] == corner[0]) {
-            continue;
-        }
-        for (size_t c = 0; c < 3; ++c) {
-            const uint32_t u = corner[c], v = corner[(c + 1) % 3];
-            sides[count++] = (side){u < v ? u : v, u < v ? v : u, corner[(c + 2) % 3]};
-        }
+    side *sides = PCI_SCRATCH(scratch, side, free_count);
+    for (size_t e = 0, i = 0; sides != NULL && i < free_count; ++e) {
+        i += is_free(mesh, topology, e, &sides[i]);
     }
-    if (!pci_sort_by_number(scratch->context, sides, count, sizeof(*sides), mesh->vertex_count,
-                            compare_sides)) {
-        return false;
-    }
-    for (size_t i = 0, next; i < count; i = next) {
-        bool one = true; // triangle, or copies of it
-        for (next = i + 1;
-             next < count && sides[next].a == sides[i].a && sides[next].b == sides[i].b; ++next) {
-            one = one && sides[next].c == sides[i].c;
-        }
-        if (one) {
-            sides[free_count++] = sides[i];
-        }
-    }
-
     size_t *offsets = PCI_SCRATCH(scratch, size_t, free_count + 1);
-    if (offsets == NULL) {
+    if (scratch->failed) {
         return false;
     }
     size_t pieces = count_pieces(mesh, sides, free_count, 0.5 * reach, offsets);

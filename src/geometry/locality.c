@@ -1,7 +1,6 @@
 #include "geometry/locality.h"
 
-#include <stdlib.h>
-
+#include "core/sorting.h"
 #include "geometry/topology.h"
 
 enum { axis_bits = 10, index_bits = 32 };
@@ -38,12 +37,12 @@ bool pci_sort_points(pci_scratch *scratch, size_t count, const double *positions
         }
         keys[v] = code << index_bits | v;
     }
-    qsort(keys, count, sizeof(*keys), pci_compare_u64);
+    const bool done = pci_sort_keys(scratch->context, count, keys, NULL);
     for (size_t i = 0; i < count; ++i) {
         (*order)[i] = (uint32_t)keys[i];
     }
     pci_scratch_end(&local);
-    return true;
+    return done;
 }
 
 bool pci_sort_mesh(pci_scratch *scratch, const pc_mesh *mesh, pc_mesh *result, uint32_t **order) {
@@ -68,7 +67,7 @@ bool pci_sort_mesh(pci_scratch *scratch, const pc_mesh *mesh, pc_mesh *result, u
     for (size_t t = 0; t < nf; ++t) {
         keys[t] = (uint64_t)number[mesh->triangles[3 * t]] << index_bits | t;
     }
-    qsort(keys, nf, sizeof(*keys), pci_compare_u64);
+    const bool done = pci_sort_keys(scratch->context, nf, keys, NULL);
     for (size_t i = 0; i < nf; ++i) {
         const size_t t = (uint32_t)keys[i];
         for (size_t c = 0; c < 3; ++c) {
@@ -76,5 +75,5 @@ bool pci_sort_mesh(pci_scratch *scratch, const pc_mesh *mesh, pc_mesh *result, u
         }
     }
     pci_scratch_end(&local);
-    return true;
+    return done;
 }

@@ -440,6 +440,7 @@ static bool repair_all(repair *r, pc_mesh *result, pci_repair_counts *counts) {
 
 bool pci_mesh_repair(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *keep,
                      pc_mesh *result, pci_repair_counts *counts) {
+    const struct pci_scratch_block *mark = scratch->blocks;
     pc_mesh kept = {0};
     repair r = {.scratch = scratch, .mesh = keep == NULL ? mesh : &kept};
     memset(counts, 0, sizeof(*counts));
@@ -454,5 +455,6 @@ bool pci_mesh_repair(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *k
         kept = (pc_mesh){0};
     }
     pc_mesh_free(scratch->context, &kept);
+    pci_scratch_rewind(scratch, mark);
     return done;
 }

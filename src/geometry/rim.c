@@ -284,19 +284,16 @@ static void test_candidates(void *user, size_t begin, size_t end, uint32_t worke
 }
 
 pc_status pci_find_rims(pci_scratch *scratch, const char *stage, const pci_bvh *bvh,
-                        const pc_mesh *mesh, double radius, double spacing, pci_rims *rims) {
-    pci_topology topology;
+                        const pc_mesh *mesh, const pci_topology *topology, double radius,
+                        double spacing, pci_rims *rims) {
     void *candidates = NULL;
     size_t candidate_count = 0, capacity = 0;
-    if (!pci_topology_build_edges(scratch, mesh, &topology)) {
-        return pci_fail_memory(scratch->context, stage);
-    }
-    for (size_t e = 0; e < topology.edge_count; ++e) {
-        if (!may_be_rim(mesh, &topology, e)) {
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        if (!may_be_rim(mesh, topology, e)) {
             continue;
         }
-        const double *a = &mesh->positions[3 * (size_t)topology.edges[2 * e]];
-        const double *b = &mesh->positions[3 * (size_t)topology.edges[2 * e + 1]];
+        const double *a = &mesh->positions[3 * (size_t)topology->edges[2 * e]];
+        const double *b = &mesh->positions[3 * (size_t)topology->edges[2 * e + 1]];
         const size_t pieces = 1 + (size_t)(sqrt(pci_squared_distance(a, b)) / spacing);
         if (!pci_scratch_reserve(scratch, &candidates, &capacity, candidate_count + pieces,
                                  3 * sizeof(double))) {

@@ -4,6 +4,7 @@
 
 #include "geometry/bvh.h"
 #include "geometry/knn.h"
+#include "geometry/topology.h"
 
 // Points on rims; arrays live in scratch memory.
 typedef struct pci_rims {
@@ -11,10 +12,10 @@ typedef struct pci_rims {
     double *inwards; // #P by 3, unit: from the rim into the surface
 } pci_rims;
 
-// Finds points on the rims, one for each `spacing` of edges where the surface ends. Triangles must
-// not repeat vertices. PC_OK; PC_ERROR_OUT_OF_MEMORY.
+// Finds points on the rims, one for each `spacing` of edges where the surface ends. `topology`: the
+// edges of `mesh`, whose triangles must not repeat vertices. PC_OK; PC_ERROR_OUT_OF_MEMORY.
 PC_NODISCARD pc_status pci_find_rims(pci_scratch *scratch, const char *stage, const pci_bvh *bvh,
-                                     const pc_mesh *mesh, double radius, double spacing,
-                                     pci_rims *rims);
+                                     const pc_mesh *mesh, const pci_topology *topology,
+                                     double radius, double spacing, pci_rims *rims);
 
 #endif

@@ -324,9 +324,11 @@ bool pci_find_shape(pci_scratch *scratch, const pc_mesh *mesh, pci_shape *shape)
     pci_topology topology;
     size_t *offsets = NULL;
     uint32_t *loops = NULL;
+    const struct pci_scratch_block *mark = scratch->blocks;
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
     if (component == NULL || !pci_topology_build_edges(scratch, mesh, &topology) ||
         !pci_boundary_loops(scratch, mesh, &topology, &shape->boundary_loops, &offsets, &loops)) {
+        pci_scratch_rewind(scratch, mark);
         return false;
     }
     shape->components = pci_triangle_components(scratch, mesh, &topology, component);
@@ -339,6 +341,7 @@ bool pci_find_shape(pci_scratch *scratch, const pc_mesh *mesh, pci_shape *shape)
                 &mesh->positions[3 * (size_t)ends[0]], &mesh->positions[3 * (size_t)ends[1]]));
         }
     }
+    pci_scratch_rewind(scratch, mark);
     return !scratch->failed;
 }
 

@@ -1,6 +1,6 @@
 #include "solvers/signed_search.h"
 
-#include <stdlib.h>
+#include "core/sorting.h"
 
 enum { SWEEPS = PCI_EFFORT(300, 10) };
 #define HOT  0.8  // first temperature, in units of the mean edge cost
@@ -81,40 +81,29 @@ static bool anneal(pc_context *context, search *s, uint32_t sweeps) {
     return true;
 }
 
-typedef struct ranked_edge {
-    double key;
-    uint32_t edge;
-} ranked_edge;
-
-static int compare_ranked(const void *left, const void *right) {
-    const ranked_edge *l = left, *r = right;
-    if (l->key < r->key || l->key > r->key) {
-        return l->key < r->key ? -1 : 1;
-    }
-    return (l->edge > r->edge) - (l->edge < r->edge);
-}
-
 // Labels that satisfy every edge of a spanning forest of least keys (Kruskal; the union-find
 // structure keeps each vertex's parity towards its root).
 static bool spanning_tree(pci_scratch *scratch, search *s, const float *keys) {
     const pci_signed_graph *graph = s->graph;
-    ranked_edge *order = PCI_SCRATCH(scratch, ranked_edge, graph->edge_count);
+    uint64_t *ranks = PCI_SCRATCH(scratch, uint64_t, graph->edge_count);
+    uint32_t *order = PCI_SCRATCH(scratch, uint32_t, graph->edge_count);
     uint32_t *parent = PCI_SCRATCH(scratch, uint32_t, graph->vertex_count);
     uint8_t *parity = PCI_SCRATCH(scratch, uint8_t, graph->vertex_count);
     if (scratch->failed) {
         return false;
     }
     for (uint32_t e = 0; e < graph->edge_count; ++e) {
-        order[e] = (ranked_edge){keys != NULL ? (double)keys[e] : -(double)graph->edges[e].cost, e};
+        ranks[e] = pci_key_of(keys != NULL ? (double)keys[e] : -(double)graph->edges[e].cost);
+        order[e] = e;
     }
-    if (graph->edge_count > 1) {
-        qsort(order, graph->edge_count, sizeof(*order), compare_ranked);
+    if (!pci_sort_keys(scratch->context, graph->edge_count, ranks, order)) {
+        return false;
     }
     for (uint32_t v = 0; v < graph->vertex_count; ++v) {
         parent[v] = v;
     }
     for (size_t k = 0; k < graph->edge_count; ++k) {
-        const pci_signed_edge *edge = &graph->edges[order[k].edge];
+        const pci_signed_edge *edge = &graph->edges[order[k]];
         const uint32_t ends[2] = {edge->a, edge->b};
         uint32_t roots[2];
         uint8_t odd = edge->opposite ? 1 : 0;

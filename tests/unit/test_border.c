@@ -11,9 +11,11 @@
 static double hem_length(pc_context *context, const pc_mesh *mesh, double reach) {
     pci_scratch scratch = pci_scratch_begin(context);
     pci_bvh *bvh = NULL;
+    pci_topology topology;
     pci_hems hems;
     assert_ok(context, pci_bvh_create(context, "test", mesh, &bvh));
-    assert_true(pci_find_hems(&scratch, mesh, bvh, reach, &hems));
+    assert_true(pci_topology_build_edges(&scratch, mesh, &topology));
+    assert_true(pci_find_hems(&scratch, mesh, &topology, bvh, reach, &hems));
     double length = 0.0;
     for (size_t i = 0; i < hems.count; ++i) {
         const double *a = &hems.points[6 * i];
@@ -114,12 +116,17 @@ static void measures_boundaries(void **state) {
 // ---- snapping ---------------------------------------------------------------------------------
 
 static pc_status snap(pc_context *context, const pc_mesh *garment, double cell, pc_mesh *layer) {
+    pci_scratch scratch = pci_scratch_begin(context);
+    pci_topology topology;
     pci_bvh *bvh = NULL;
-    pc_status status = pci_bvh_create(context, "test", garment, &bvh);
+    pc_status status = pci_topology_build_edges(&scratch, garment, &topology)
+                           ? pci_bvh_create(context, "test", garment, &bvh)
+                           : PC_ERROR_OUT_OF_MEMORY;
     if (status == PC_OK) {
-        status = pci_snap_border(context, "test", garment, bvh, cell, layer);
+        status = pci_snap_border(context, "test", garment, &topology, bvh, cell, layer);
     }
     pci_bvh_destroy(context, bvh);
+    pci_scratch_end(&scratch);
     return status;
 }
 

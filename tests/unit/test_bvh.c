@@ -646,12 +646,11 @@ static void same_triangles_borrow_the_shared_tree(void **state) {
     for (size_t moved = 0; moved < 2; ++moved) {
         pci_bvh *borrowed, *own;
         turned.positions[0] += 0.25 * (double)moved;
+        assert_false(pci_bvh_shares(context));
+        assert_ok(context, pci_bvh_create(context, "test", &turned, &own));
         pci_bvh_share(context, &sphere);
         assert_true(pci_bvh_shares(context));
         assert_ok(context, pci_bvh_create(context, "test", &turned, &borrowed));
-        pci_bvh_share(context, NULL);
-        assert_false(pci_bvh_shares(context));
-        assert_ok(context, pci_bvh_create(context, "test", &turned, &own));
         for (uint64_t i = 0; i < 200; ++i) {
             double point[3];
             for (uint64_t k = 0; k < 3; ++k) {
@@ -668,6 +667,7 @@ static void same_triangles_borrow_the_shared_tree(void **state) {
             assert_int_equal(hit.back_face, other.back_face);
         }
         pci_bvh_destroy(context, borrowed);
+        pci_bvh_share(context, NULL);
         pci_bvh_destroy(context, own);
     }
     pc_mesh_free(context, &sphere);

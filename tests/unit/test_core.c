@@ -316,6 +316,35 @@ static void sorting_by_number_equals_qsort(void **state) {
     pc_context_destroy(context);
 }
 
+// Numbers of all signs and sizes, many of them equal: in order, and equal ones as they were.
+static void sorting_by_key_is_stable(void **state) {
+    (void)state;
+    enum { most = 5000 };
+    static const double values[] = {-INFINITY, -1e300, -2.5, -1e-310, -0.0, 0.0, 1e-310, 3.0, 1e9};
+    static double numbers[most];
+    static uint64_t keys[most], alone[most];
+    static uint32_t order[most];
+    enum { kinds = sizeof(values) / sizeof(values[0]) };
+    pc_context *context = test_context(1);
+    for (size_t count = 0; count <= most; count = 2 * count + 1) {
+        for (uint32_t i = 0; i < count; ++i) {
+            const double random = pci_random(33, count, i);
+            numbers[i] = i % 2 == 0 ? values[(size_t)(random * kinds)] : 1e6 * (random - 0.5);
+            alone[i] = keys[i] = pci_key_of(numbers[i]);
+            order[i] = i;
+        }
+        assert_true(pci_sort_keys(context, count, keys, order));
+        assert_true(pci_sort_keys(context, count, alone, NULL));
+        assert_memory_equal(keys, alone, count * sizeof(*keys));
+        for (size_t i = 1; i < count; ++i) {
+            const double before = numbers[order[i - 1]], after = numbers[order[i]];
+            assert_true(before < after || (before == after && order[i - 1] < order[i]));
+            assert_true(keys[i] == pci_key_of(after));
+        }
+    }
+    pc_context_destroy(context);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(parallel_for_visits_every_element_once),
@@ -329,6 +358,7 @@ int main(void) {
         cmocka_unit_test(options_have_valid_defaults),
         cmocka_unit_test(option_text_is_checked),
         cmocka_unit_test(sorting_by_number_equals_qsort),
+        cmocka_unit_test(sorting_by_key_is_stable),
     };
     return cmocka_run_group_tests_name("core", tests, NULL, NULL);
 }

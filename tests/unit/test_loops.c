@@ -16,7 +16,7 @@ static size_t count_loops(pc_context *context, const pc_mesh *mesh) {
 static size_t fill(pc_context *context, pc_mesh *mesh, const pci_hole_limits *limits) {
     pci_scratch scratch = pci_scratch_begin(context);
     uint64_t filled = 0;
-    assert_ok(context, pci_fill_loops(&scratch, "test", mesh, limits, &filled));
+    assert_ok(context, pci_fill_loops(&scratch, "test", NULL, limits, mesh, &filled));
     pci_scratch_end(&scratch);
     return filled;
 }

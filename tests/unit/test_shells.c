@@ -14,7 +14,8 @@ static double peel(pc_context *context, const pc_mesh *mesh, double thickest, pc
     pci_topology topology;
     double thickness = -1.0;
     assert_true(pci_mesh_repair(&scratch, mesh, NULL, peeled, &counts));
-    assert_ok(context, pci_peel_shells(&scratch, "test", thickest, peeled, &thickness));
+    assert_true(pci_topology_build_edges(&scratch, peeled, &topology));
+    assert_ok(context, pci_peel_shells(&scratch, "test", thickest, &topology, peeled, &thickness));
     assert_true(pci_topology_build(&scratch, peeled, &topology));
     assert_manifold(peeled, &topology);
     pci_scratch_end(&scratch);
@@ -114,8 +115,11 @@ static void survives_a_lack_of_memory(void **state) {
         pc_mesh copy = sew_offset(context, &shell, 0.0, false);
         double thickness = 0.0;
         pci_scratch scratch = pci_scratch_begin(context);
+        pci_topology topology;
         fail_allocation(&counter, s.number);
-        s.status = pci_peel_shells(&scratch, "test", 0.1, &copy, &thickness);
+        s.status = pci_topology_build_edges(&scratch, &copy, &topology)
+                       ? pci_peel_shells(&scratch, "test", 0.1, &topology, &copy, &thickness)
+                       : PC_ERROR_OUT_OF_MEMORY;
         pci_scratch_end(&scratch);
         pc_mesh_free(context, &copy);
     }

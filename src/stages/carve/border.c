@@ -321,7 +321,8 @@ static bool apply_moves(pci_scratch *scratch, snapping *s) {
     return true;
 }
 
-static bool prepare(pci_scratch *scratch, const pc_mesh *surface, double cell_size, snapping *s) {
+static bool prepare(pci_scratch *scratch, const pc_mesh *surface, const pci_topology *edges,
+                    double cell_size, snapping *s) {
     const size_t nv = s->layer->vertex_count;
     s->inwards = PCI_SCRATCH(scratch, double, 3 * nv);
     s->moves = PCI_SCRATCH(scratch, double, 3 * nv);
@@ -333,7 +334,8 @@ static bool prepare(pci_scratch *scratch, const pc_mesh *surface, double cell_si
     if (scratch->failed || !pci_topology_build_watched(scratch, s->layer, &s->topology) ||
         !pci_boundary_loops(scratch, s->layer, &s->topology, &s->loop_count, &s->offsets,
                             &s->loops) ||
-        (s->loop_count > 0 && !pci_find_hems(scratch, surface, s->surface, cell_size, &s->hems))) {
+        (s->loop_count > 0 &&
+         !pci_find_hems(scratch, surface, edges, s->surface, cell_size, &s->hems))) {
         return false;
     }
     uint32_t *segments = PCI_SCRATCH(scratch, uint32_t, 3 * s->hems.count);
@@ -346,11 +348,12 @@ static bool prepare(pci_scratch *scratch, const pc_mesh *surface, double cell_si
 }
 
 pc_status pci_snap_border(pc_context *context, const char *stage, const pc_mesh *surface,
-                          const pci_bvh *surface_bvh, double cell_size, pc_mesh *layer) {
+                          const pci_topology *edges, const pci_bvh *surface_bvh, double cell_size,
+                          pc_mesh *layer) {
     pci_scratch scratch = pci_scratch_begin(context);
     snapping s = {.layer = layer, .surface = surface_bvh, .reach = snap_reach * cell_size};
     pc_status status = PC_OK;
-    bool done = prepare(&scratch, surface, cell_size, &s);
+    bool done = prepare(&scratch, surface, edges, cell_size, &s);
     if (done && s.hems.count > 0 && s.loop_count > 0) {
         status = pci_bvh_create(context, stage, &s.hem_mesh, &s.hem_bvh);
         if (status == PC_OK) {

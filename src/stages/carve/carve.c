@@ -89,11 +89,12 @@ enum { cloth_rings = 4, projected_rings = 2 };
 // What a single layer is made of.
 typedef struct carve_job {
     pci_scratch *scratch;
-    const pc_mesh *surface;   // visual mesh
-    const pc_mesh *cloth;     // what of it is cloth
-    double thickness;         // of the cloth
-    const pc_mesh *projected; // mesh
-    const uint8_t *labels;    // #V of `projected`
+    const pc_mesh *surface;    // visual mesh
+    const pc_mesh *cloth;      // what of it is cloth
+    const pci_topology *edges; // of the cloth
+    double thickness;          // of the cloth
+    const pc_mesh *projected;  // mesh
+    const uint8_t *labels;     // #V of `projected`
     double cell_size;
     const pc_carve_options *options;
 } carve_job;
@@ -190,22 +191,25 @@ static pc_status extract(const carve_job *job, const pci_bvh *visual, const pci_
     }
     const pci_hole_limits holes = {
         .most_edges = job->options->fill_loops, .longest = INFINITY, .whole = job->projected};
-    return pci_fill_loops(scratch, stage, layer, &holes, &report->filled_loops);
+    return pci_fill_loops(scratch, stage, NULL, &holes, layer, &report->filled_loops);
 }
 
 static pc_status cut(const carve_job *job, const pci_bvh *visual, const pci_rims *rims,
                      pc_mesh *layer, pc_carve_report *report) {
     pci_scratch *scratch = job->scratch;
     const pc_carve_options *options = job->options;
+    const struct pci_scratch_block *mark = scratch->blocks;
     pc_status status = pci_cut_outline(scratch, stage, visual, rims,
                                        options->carve ? PCI_OUTLINE_ALL : PCI_OUTLINE_MEMBRANES,
                                        options->carve_distance * job->cell_size, job->cell_size,
                                        layer, &report->carved_regions, &report->carved_triangles);
+    pci_scratch_rewind(scratch, mark);
     if (status != PC_OK) {
         return status;
     }
     status = pci_drop_crumbs(scratch, stage, job->cloth, visual, options->smallest_part,
                              loose_voxels * job->cell_size, layer, &report->dropped_parts);
+    pci_scratch_rewind(scratch, mark);
     if (status != PC_OK) {
         return status;
     }
@@ -235,20 +239,19 @@ static bool find_bridges(pci_scratch *scratch, const pci_bvh *cloth, const pc_me
 }
 
 // Unites the vertices on borders that all but meet, where seams are cracked or triangles loose.
-static bool unite_cracks(pci_scratch *scratch, const pc_mesh *mesh, double reach,
-                         uint32_t *parents) {
-    pci_topology topology;
+static bool unite_cracks(pci_scratch *scratch, const pc_mesh *mesh, const pci_topology *edges,
+                         double reach, uint32_t *parents, bool *some) {
     pci_knn knn;
     uint8_t *border = PCI_SCRATCH(scratch, uint8_t, mesh->vertex_count);
     uint32_t *vertices = PCI_SCRATCH(scratch, uint32_t, mesh->vertex_count);
     double *points = PCI_SCRATCH(scratch, double, 3 * mesh->vertex_count);
     size_t count = 0;
-    if (scratch->failed || !pci_topology_build_edges(scratch, mesh, &topology)) {
+    if (scratch->failed) {
         return false;
     }
-    for (size_t e = 0; e < topology.edge_count; ++e) {
-        if (topology.edge_triangle_offsets[e + 1] - topology.edge_triangle_offsets[e] == 1) {
-            border[topology.edges[2 * e]] = border[topology.edges[2 * e + 1]] = 1;
+    for (size_t e = 0; e < edges->edge_count; ++e) {
+        if (edges->edge_triangle_offsets[e + 1] - edges->edge_triangle_offsets[e] == 1) {
+            border[edges->edges[2 * e]] = border[edges->edges[2 * e + 1]] = 1;
         }
     }
     for (size_t v = 0; v < mesh->vertex_count; ++v) {
@@ -266,15 +269,16 @@ static bool unite_cracks(pci_scratch *scratch, const pc_mesh *mesh, double reach
         const size_t found =
             pci_knn_query(&knn, &points[3 * i], most_joined, (uint32_t)i, near, squared);
         for (size_t k = 0; k < found && squared[k] <= reach * reach; ++k) {
-            pci_unite(parents, vertices[i], vertices[near[k]]);
+            *some = pci_unite(parents, vertices[i], vertices[near[k]]) || *some;
         }
     }
     return true;
 }
 
 // The cloth with its cracks closed.
-static bool close_cracks(pci_scratch *scratch, const pc_mesh *cloth, double reach,
-                         pc_mesh *closed) {
+static bool close_cracks(pci_scratch *scratch, const pc_mesh *cloth, const pci_topology *edges,
+                         double reach, pc_mesh *closed) {
+    bool some = false;
     uint32_t *parents = PCI_SCRATCH(scratch, uint32_t, cloth->vertex_count);
     pc_mesh joined = *cloth;
     joined.triangles = PCI_SCRATCH(scratch, uint32_t, 3 * cloth->triangle_count);
@@ -282,8 +286,11 @@ static bool close_cracks(pci_scratch *scratch, const pc_mesh *cloth, double reac
         return false;
     }
     pci_singletons(parents, cloth->vertex_count);
-    if (!unite_cracks(scratch, cloth, reach, parents)) {
+    if (!unite_cracks(scratch, cloth, edges, reach, parents, &some)) {
         return false;
+    }
+    if (!some) {
+        return pci_mesh_compact(scratch, cloth, NULL, closed, NULL);
     }
     for (size_t i = 0; i < 3 * cloth->triangle_count; ++i) {
         joined.triangles[i] = pci_find_root(parents, cloth->triangles[i]);
@@ -299,11 +306,14 @@ static pc_status mend_bridges(const carve_job *job, const pci_bvh *visual, uint8
     pci_scratch *scratch = job->scratch;
     pc_mesh turned = {0};
     const uint8_t *kept = kept_triangles(job);
+    const struct pci_scratch_block *mark = scratch->blocks;
     if (kept == NULL ||
-        !close_cracks(scratch, job->cloth, crack_voxels * job->cell_size, &turned)) {
+        !close_cracks(scratch, job->cloth, job->edges, crack_voxels * job->cell_size, &turned)) {
         return pci_fail_memory(scratch->context, stage);
     }
+    pci_scratch_rewind(scratch, mark);
     pc_status status = pci_face_like(scratch, stage, layer, true, &turned);
+    pci_scratch_rewind(scratch, mark);
     if (status == PC_OK) {
         status = pci_mend_webs(scratch, stage, visual, &turned, NULL, cloth_rings, job->cell_size,
                                &away, layer);
@@ -321,19 +331,22 @@ static pc_status labelled_layer(const carve_job *job, const pci_bvh *visual, pc_
     pci_rims rims = {0};
     report->source = PC_LAYER_LABELS;
     pc_status status =
-        pci_find_rims(scratch, stage, visual, job->cloth, rim_radius * job->cell_size,
+        pci_find_rims(scratch, stage, visual, job->cloth, job->edges, rim_radius * job->cell_size,
                       rim_spacing * job->cell_size, &rims);
+    const struct pci_scratch_block *mark = scratch->blocks;
     if (status == PC_OK) {
         status = extract(job, visual, &rims.points, layer, report);
+        pci_scratch_rewind(scratch, mark);
     }
     if (status == PC_OK) {
         bool peeled = false;
         status = pci_peel_linings(scratch, stage, NULL, both_sides_reach * job->cell_size,
                                   least_both_sides, layer, &peeled);
+        pci_scratch_rewind(scratch, mark);
     }
     if (status == PC_OK && job->options->snap_border) {
-        status =
-            pci_snap_border(scratch->context, stage, job->cloth, visual, job->cell_size, layer);
+        status = pci_snap_border(scratch->context, stage, job->cloth, job->edges, visual,
+                                 job->cell_size, layer);
     }
     return status == PC_OK ? cut(job, visual, &rims, layer, report) : status;
 }
@@ -375,8 +388,8 @@ static pc_status try_tailoring(const carve_job *job, double boundary, pc_mesh *l
     pc_carve_report other = {.source = PC_LAYER_VISUAL};
     pc_status status = labelled_side(job, &side);
     if (status == PC_OK && side.triangle_count > 0) {
-        status = pci_tailored_layer(scratch, stage, job->surface, job->cloth, &side, job->thickness,
-                                    job->cell_size, &sewn, &other.filled_loops);
+        status = pci_tailored_layer(scratch, stage, job->surface, job->cloth, job->edges, &side,
+                                    job->thickness, job->cell_size, &sewn, &other.filled_loops);
     }
     pc_mesh_free(scratch->context, &side);
     double length = 0.0;
@@ -471,8 +484,10 @@ static pc_status with_straps(const carve_job *job, uint64_t filled, pc_mesh *fol
     }
     memcpy(labels, job->labels, count);
     amended.labels = labels;
+    const struct pci_scratch_block *mark = job->scratch->blocks;
     const pc_status status =
         pci_keep_straps(job->scratch, stage, job->projected, job->cell_size, labels);
+    pci_scratch_rewind(job->scratch, mark);
     return status == PC_OK ? labelled_or_other(&amended, filled, folded, layer, report) : status;
 }
 
@@ -485,8 +500,9 @@ static pc_status choose_layer(const carve_job *job, pc_mesh *layer, pc_carve_rep
     pc_mesh visual = {0};
     pc_status status = PC_OK;
     if (source != PC_LAYER_LABELS) {
-        status = pci_visual_layer(scratch, stage, job->surface, job->cloth, job->thickness,
-                                  job->cell_size, always, &visual, &layering, &filled);
+        status =
+            pci_visual_layer(scratch, stage, job->surface, job->cloth, job->edges, job->thickness,
+                             job->cell_size, always, &visual, &layering, &filled);
     }
     if (status == PC_OK && !pci_progress(scratch->context, stage, 0.2)) {
         status = pci_fail_cancelled(scratch->context, stage);
@@ -515,14 +531,16 @@ pc_status pc_carve(pc_context *context, const pc_mesh *surface, const pc_mesh *p
     pci_scratch scratch = pci_scratch_begin(context);
     pc_carve_report counts = {0};
     pc_mesh cloth = {0}, layer = {0};
+    pci_topology edges;
     carve_job job = {.scratch = &scratch,
                      .surface = surface,
                      .cloth = &cloth,
+                     .edges = &edges,
                      .projected = projected,
                      .labels = labels->labels,
                      .cell_size = cell_size,
                      .options = &chosen};
-    status = pci_visual_cloth(&scratch, stage, surface, cell_size, &cloth, &job.thickness);
+    status = pci_visual_cloth(&scratch, stage, surface, cell_size, &cloth, &edges, &job.thickness);
     if (status == PC_OK && cloth.triangle_count == 0) {
         status = no_proxy(context, "the visual mesh has none of use");
     }

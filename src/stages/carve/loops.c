@@ -117,14 +117,18 @@ typedef struct border {
     uint8_t *hole;           // #loops
 } border;
 
-static bool find_loops(pci_scratch *scratch, const pc_mesh *mesh, border *b) {
-    pci_topology topology;
-    if (!pci_topology_build_edges(scratch, mesh, &topology) ||
-        !pci_boundary_loops(scratch, mesh, &topology, &b->loop_count, &b->offsets, &b->loops) ||
-        !vertex_part_areas(scratch, mesh, &topology, &b->areas)) {
+static bool find_loops(pci_scratch *scratch, const pc_mesh *mesh, const pci_topology *topology,
+                       border *b) {
+    pci_topology built;
+    if (topology == NULL && !pci_topology_build_edges(scratch, mesh, &built)) {
         return false;
     }
-    b->faces = border_faces(scratch, mesh, &topology);
+    topology = topology == NULL ? &built : topology;
+    if (!pci_boundary_loops(scratch, mesh, topology, &b->loop_count, &b->offsets, &b->loops) ||
+        !vertex_part_areas(scratch, mesh, topology, &b->areas)) {
+        return false;
+    }
+    b->faces = border_faces(scratch, mesh, topology);
     b->hole = PCI_SCRATCH(scratch, uint8_t, b->loop_count);
     return !scratch->failed;
 }
@@ -182,11 +186,11 @@ static bool fill(pc_context *context, const border *b, size_t vertices, size_t t
     return true;
 }
 
-pc_status pci_fill_loops(pci_scratch *scratch, const char *stage, pc_mesh *mesh,
-                         const pci_hole_limits *limits, uint64_t *filled) {
+pc_status pci_fill_loops(pci_scratch *scratch, const char *stage, const pci_topology *topology,
+                         const pci_hole_limits *limits, pc_mesh *mesh, uint64_t *filled) {
     border b;
     size_t vertices = mesh->vertex_count, triangles = mesh->triangle_count, holes = 0;
-    if (!find_loops(scratch, mesh, &b)) {
+    if (!find_loops(scratch, mesh, topology, &b)) {
         return pci_fail_memory(scratch->context, stage);
     }
     for (size_t i = 0; i < b.loop_count; ++i) {

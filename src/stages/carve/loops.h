@@ -3,7 +3,7 @@
 #define PCI_LOOPS_H
 
 #include "core/core.h"
-#include "proxycloth/mesh.h"
+#include "geometry/topology.h"
 
 // Which loops are holes.
 typedef struct pci_hole_limits {
@@ -18,9 +18,9 @@ typedef struct pci_hole_limits {
 
 // Closes boundary loops that are holes, with a fan around their mean or with one triangle. A loop
 // that bounds its part from outside stays: the part needs twice the area of a disc of that
-// circumference. `filled` is added to. The mesh must be manifold.
+// circumference. `filled` is added to. The mesh must be manifold; `topology`: its edges, or NULL.
 // Returns PC_OK, PC_ERROR_OUT_OF_MEMORY or PC_ERROR_DEPENDENCY.
-pc_status pci_fill_loops(pci_scratch *scratch, const char *stage, pc_mesh *mesh,
-                         const pci_hole_limits *limits, uint64_t *filled);
+pc_status pci_fill_loops(pci_scratch *scratch, const char *stage, const pci_topology *topology,
+                         const pci_hole_limits *limits, pc_mesh *mesh, uint64_t *filled);
 
 #endif

@@ -20,7 +20,7 @@ static const double least_facing_share = 0.75;
 typedef struct peeling {
     pci_scratch *scratch;
     const pc_mesh *mesh;
-    pci_topology topology;
+    const pci_topology *topology;
     const pci_bvh *bvh;
     double thickest;
     size_t component_count;
@@ -75,10 +75,10 @@ static void look_behind(void *user, size_t begin, size_t end, uint32_t worker) {
 static bool measure_components(peeling *p) {
     const pc_mesh *mesh = p->mesh;
     p->component = PCI_SCRATCH(p->scratch, uint32_t, mesh->triangle_count);
-    if (p->component == NULL || !pci_topology_build_edges(p->scratch, mesh, &p->topology)) {
+    if (p->component == NULL) {
         return false;
     }
-    p->component_count = pci_triangle_components(p->scratch, mesh, &p->topology, p->component);
+    p->component_count = pci_triangle_components(p->scratch, mesh, p->topology, p->component);
     p->closed = PCI_SCRATCH(p->scratch, uint8_t, p->component_count);
     p->volume = PCI_SCRATCH(p->scratch, double, p->component_count);
     p->thickness = PCI_SCRATCH(p->scratch, double, mesh->triangle_count);
@@ -89,8 +89,9 @@ static bool measure_components(peeling *p) {
     }
     memset(p->closed, 1, p->component_count);
     for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
-        const size_t e = p->topology.triangle_edges[i];
-        if (p->topology.edge_triangle_offsets[e + 1] - p->topology.edge_triangle_offsets[e] == 1) {
+        const size_t e = p->topology->triangle_edges[i];
+        if (p->topology->edge_triangle_offsets[e + 1] - p->topology->edge_triangle_offsets[e] ==
+            1) {
             p->closed[p->component[i / 3]] = 0;
         }
     }
@@ -161,11 +162,11 @@ static bool find_usual(const peeling *p, double *usual) {
 // Joins neighbours that both belong to a skin, or both to the rim. `in_skin` is #F.
 static void join_skins(peeling *p, const uint8_t *in_skin) {
     pci_singletons(p->skin, p->mesh->triangle_count);
-    for (size_t e = 0; e < p->topology.edge_count; ++e) {
-        const size_t first = p->topology.edge_triangle_offsets[e];
-        if (p->topology.edge_triangle_offsets[e + 1] - first == 2) {
-            const uint32_t a = p->topology.edge_triangles[first];
-            const uint32_t b = p->topology.edge_triangles[first + 1];
+    for (size_t e = 0; e < p->topology->edge_count; ++e) {
+        const size_t first = p->topology->edge_triangle_offsets[e];
+        if (p->topology->edge_triangle_offsets[e + 1] - first == 2) {
+            const uint32_t a = p->topology->edge_triangles[first];
+            const uint32_t b = p->topology->edge_triangles[first + 1];
             if (in_skin[a] == in_skin[b]) {
                 pci_unite(p->skin, a, b);
             }
@@ -221,14 +222,14 @@ static void find_sides(const peeling *p, const uint32_t *pairs, uint8_t *side) {
     }
     for (bool changed = true; changed;) {
         changed = false;
-        for (size_t e = 0; e < p->topology.edge_count; ++e) {
-            const size_t first = p->topology.edge_triangle_offsets[e];
-            if (p->topology.edge_triangle_offsets[e + 1] - first != 2) {
+        for (size_t e = 0; e < p->topology->edge_count; ++e) {
+            const size_t first = p->topology->edge_triangle_offsets[e];
+            if (p->topology->edge_triangle_offsets[e + 1] - first != 2) {
                 continue;
             }
             for (size_t k = 0; k < 2; ++k) {
-                const uint32_t a = p->skin[p->topology.edge_triangles[first + k]];
-                const uint32_t b = p->skin[p->topology.edge_triangles[first + 1 - k]];
+                const uint32_t a = p->skin[p->topology->edge_triangles[first + k]];
+                const uint32_t b = p->skin[p->topology->edge_triangles[first + 1 - k]];
                 const uint32_t *pair = &pairs[2 * (size_t)p->component[a]];
                 if (b != pair[0] && b != pair[1] && (side[a] & ~side[b]) != 0) {
                     side[b] |= side[a];
@@ -270,9 +271,9 @@ static bool choose_triangles(peeling *p, uint8_t *keep, double *thickness) {
     return true;
 }
 
-pc_status pci_peel_shells(pci_scratch *scratch, const char *stage, double thickest, pc_mesh *mesh,
-                          double *thickness) {
-    peeling p = {.scratch = scratch, .mesh = mesh, .thickest = thickest};
+pc_status pci_peel_shells(pci_scratch *scratch, const char *stage, double thickest,
+                          const pci_topology *topology, pc_mesh *mesh, double *thickness) {
+    peeling p = {.scratch = scratch, .mesh = mesh, .topology = topology, .thickest = thickest};
     *thickness = 0.0;
     if (!measure_components(&p)) {
         return pci_fail_memory(scratch->context, stage);

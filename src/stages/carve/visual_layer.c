@@ -130,23 +130,26 @@ static pci_layering classify(probe *p) {
 }
 
 // @param reach  at least this `share` of the vertices of `surface` must be so near to the layer
+// @param edges  of `layer`, or NULL
 // @param seen   receives what each triangle sees behind and before it within a voxel (#F by 2), or
 //               stays NULL; NULL: not wanted
 static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
-                         const pc_mesh *layer, double thickness, double cell_size, double reach,
-                         double share, pci_layering *layering, uint32_t **seen) {
+                         const pc_mesh *layer, const pci_topology *edges, double thickness,
+                         double cell_size, double reach, double share, pci_layering *layering,
+                         uint32_t **seen) {
     pc_context *context = scratch->context;
-    pci_topology topology;
+    pci_topology built;
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
     probe p = {.mesh = layer, .component = component, .reach = cell_size};
     p.touch_reach = cell_size + thickness;
     p.seen = PCI_SCRATCH(scratch, uint32_t, 2 * layer->triangle_count);
     uint8_t *missed = PCI_SCRATCH(scratch, uint8_t, surface->vertex_count);
-    if (scratch->failed || !pci_topology_build_edges(scratch, layer, &topology)) {
+    if (scratch->failed || (edges == NULL && !pci_topology_build_edges(scratch, layer, &built))) {
         return pci_fail_memory(context, stage);
     }
-    p.component_count = pci_triangle_components(scratch, layer, &topology, component);
-    if (!all_open(scratch, layer, &topology, component, p.component_count)) {
+    edges = edges == NULL ? &built : edges;
+    p.component_count = pci_triangle_components(scratch, layer, edges, component);
+    if (!all_open(scratch, layer, edges, component, p.component_count)) {
         return scratch->failed ? pci_fail_memory(context, stage) : PC_OK;
     }
     pci_bvh *bvh = NULL;
@@ -179,23 +182,43 @@ static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh 
 }
 
 pc_status pci_visual_cloth(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
-                           double cell_size, pc_mesh *cloth, double *thickness) {
+                           double cell_size, pc_mesh *cloth, pci_topology *edges,
+                           double *thickness) {
     pci_repair_counts counts;
-    if (!pci_mesh_repair(scratch, surface, NULL, cloth, &counts)) {
+    const struct pci_scratch_block *before = scratch->blocks;
+    if (!pci_mesh_repair(scratch, surface, NULL, cloth, &counts) ||
+        !pci_topology_build_edges(scratch, cloth, edges)) {
         return pci_fail_memory(scratch->context, stage);
     }
-    const pc_status status =
-        pci_peel_shells(scratch, stage, thickest_shell * cell_size, cloth, thickness);
-    return status == PC_OK ? pci_drop_hidden(scratch, stage, cell_size, cloth) : status;
+    const size_t whole = cloth->triangle_count;
+    const struct pci_scratch_block *after = scratch->blocks;
+    pc_status status =
+        pci_peel_shells(scratch, stage, thickest_shell * cell_size, edges, cloth, thickness);
+    pci_scratch_rewind(scratch, after);
+    if (status == PC_OK) {
+        status = pci_drop_hidden(scratch, stage, cell_size, cloth);
+        pci_scratch_rewind(scratch, after);
+    }
+    if (status == PC_OK && cloth->triangle_count < whole) {
+        pci_scratch_rewind(scratch, before);
+        status = pci_topology_build_edges(scratch, cloth, edges)
+                     ? PC_OK
+                     : pci_fail_memory(scratch->context, stage);
+    }
+    return status;
 }
 
 static pc_status begin_layer(pci_scratch *scratch, const char *stage, const pc_mesh *cloth,
-                             double cell_size, pc_mesh *layer, uint64_t *filled_loops) {
+                             const pci_topology *edges, double cell_size, pc_mesh *layer,
+                             uint64_t *filled_loops) {
+    const struct pci_scratch_block *mark = scratch->blocks;
     const pci_hole_limits holes = {
         .most_edges = SIZE_MAX, .longest = smallest_opening * cell_size, .missing_faces = true};
-    const pc_status status = pci_mesh_compact(scratch, cloth, NULL, layer, NULL)
-                                 ? pci_fill_loops(scratch, stage, layer, &holes, filled_loops)
-                                 : pci_fail_memory(scratch->context, stage);
+    const pc_status status =
+        pci_mesh_compact(scratch, cloth, NULL, layer, NULL)
+            ? pci_fill_loops(scratch, stage, edges, &holes, layer, filled_loops)
+            : pci_fail_memory(scratch->context, stage);
+    pci_scratch_rewind(scratch, mark);
     if (status != PC_OK) {
         pc_mesh_free(scratch->context, layer);
     }
@@ -203,13 +226,17 @@ static pc_status begin_layer(pci_scratch *scratch, const char *stage, const pc_m
 }
 
 pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
-                           const pc_mesh *cloth, double thickness, double cell_size, bool always,
-                           pc_mesh *layer, pci_layering *layering, uint64_t *filled_loops) {
+                           const pc_mesh *cloth, const pci_topology *edges, double thickness,
+                           double cell_size, bool always, pc_mesh *layer, pci_layering *layering,
+                           uint64_t *filled_loops) {
+    const struct pci_scratch_block *mark = scratch->blocks;
     *layering = PCI_LAYERED;
-    pc_status status = begin_layer(scratch, stage, cloth, cell_size, layer, filled_loops);
+    pc_status status = begin_layer(scratch, stage, cloth, edges, cell_size, layer, filled_loops);
     if (status == PC_OK && layer->triangle_count > 0 && !always) {
-        status = measure(scratch, stage, surface, layer, thickness, cell_size, cell_size, 1.0,
-                         layering, NULL);
+        const bool same = layer->triangle_count == cloth->triangle_count;
+        status = measure(scratch, stage, surface, layer, same ? edges : NULL, thickness, cell_size,
+                         cell_size, 1.0, layering, NULL);
+        pci_scratch_rewind(scratch, mark);
     }
     if (status != PC_OK || (*layering == PCI_LAYERED && !always)) {
         pc_mesh_free(scratch->context, layer);
@@ -229,8 +256,8 @@ static pc_status try_peeling(pci_scratch *scratch, const char *stage, const pc_m
                            ? pci_peel_linings(scratch, stage, seen, cell_size, 0.0, &rest, &peeled)
                            : pci_fail_memory(scratch->context, stage);
     if (status == PC_OK && peeled) {
-        status = measure(scratch, stage, surface, &rest, thickness, cell_size, reach, least_covered,
-                         &without, NULL);
+        status = measure(scratch, stage, surface, &rest, NULL, thickness, cell_size, reach,
+                         least_covered, &without, NULL);
     }
     if (status == PC_OK && without == PCI_PLAIN) {
         const pc_mesh swapped = *layer;
@@ -243,12 +270,14 @@ static pc_status try_peeling(pci_scratch *scratch, const char *stage, const pc_m
 }
 
 pc_status pci_tailored_layer(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
-                             const pc_mesh *cloth, const pc_mesh *side, double thickness,
-                             double cell_size, pc_mesh *layer, uint64_t *filled_loops) {
+                             const pc_mesh *cloth, const pci_topology *edges, const pc_mesh *side,
+                             double thickness, double cell_size, pc_mesh *layer,
+                             uint64_t *filled_loops) {
     pci_layering layering = PCI_LAYERED;
     bool sewn = false;
     uint32_t *seen = NULL;
-    pc_status status = begin_layer(scratch, stage, cloth, cell_size, layer, filled_loops);
+    const struct pci_scratch_block *mark = scratch->blocks;
+    pc_status status = begin_layer(scratch, stage, cloth, edges, cell_size, layer, filled_loops);
     if (status == PC_OK && layer->triangle_count > 0) {
         status = pci_face_like(scratch, stage, side, false, layer);
     }
@@ -257,13 +286,14 @@ pc_status pci_tailored_layer(pci_scratch *scratch, const char *stage, const pc_m
     }
     const double reach = (sewn ? sewing_voxels : lining_voxels) * cell_size;
     if (status == PC_OK && layer->triangle_count > 0) {
-        status = measure(scratch, stage, surface, layer, thickness, cell_size, reach, least_covered,
-                         &layering, &seen);
+        status = measure(scratch, stage, surface, layer, NULL, thickness, cell_size, reach,
+                         least_covered, &layering, &seen);
     }
     if (status == PC_OK && layering != PCI_PLAIN && layer->triangle_count > 0) {
         status = try_peeling(scratch, stage, surface, seen, thickness, cell_size, reach, layer,
                              &layering);
     }
+    pci_scratch_rewind(scratch, mark);
     if (status != PC_OK || !(layering == PCI_PLAIN || (layering == PCI_FOLDED && sewn))) {
         pc_mesh_free(scratch->context, layer);
     }

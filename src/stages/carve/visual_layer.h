@@ -3,6 +3,7 @@
 #define PCI_VISUAL_LAYER_H
 
 #include "geometry/bvh.h"
+#include "geometry/topology.h"
 
 typedef enum pci_layering {
     PCI_LAYERED, // linings, doubled sheets, parts on top of each other, closed parts
@@ -12,19 +13,20 @@ typedef enum pci_layering {
 
 // The cloth of a visual mesh: repaired to a manifold, thick shells peeled (stages/carve/shells.h),
 // without parts that lie within a voxel of larger ones (stages/carve/hidden.h). `thickness` is that
-// of the thickest shell. PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
+// of the thickest shell, `edges` of the cloth, from scratch. PC_OK; PC_ERROR_OUT_OF_MEMORY;
+// PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
 PC_NODISCARD pc_status pci_visual_cloth(pci_scratch *scratch, const char *stage,
                                         const pc_mesh *surface, double cell_size, pc_mesh *cloth,
-                                        double *thickness);
+                                        pci_topology *edges, double *thickness);
 
 // Fills holes of the cloth smaller than a voxel and finds out whether it is a single layer; `layer`
 // stays empty when it is layered, and belongs to the caller otherwise. With `always` it is not
 // asked. PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
 PC_NODISCARD pc_status pci_visual_layer(pci_scratch *scratch, const char *stage,
                                         const pc_mesh *surface, const pc_mesh *cloth,
-                                        double thickness, double cell_size, bool always,
-                                        pc_mesh *layer, pci_layering *layering,
-                                        uint64_t *filled_loops);
+                                        const pci_topology *edges, double thickness,
+                                        double cell_size, bool always, pc_mesh *layer,
+                                        pci_layering *layering, uint64_t *filled_loops);
 
 // The cloth made one sheet: parts that are worn over each other are sewn together
 // (stages/carve/sewing.h), hems and collars that are turned over are cut off
@@ -33,8 +35,9 @@ PC_NODISCARD pc_status pci_visual_layer(pci_scratch *scratch, const char *stage,
 // PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
 PC_NODISCARD pc_status pci_tailored_layer(pci_scratch *scratch, const char *stage,
                                           const pc_mesh *surface, const pc_mesh *cloth,
-                                          const pc_mesh *side, double thickness, double cell_size,
-                                          pc_mesh *layer, uint64_t *filled_loops);
+                                          const pci_topology *edges, const pc_mesh *side,
+                                          double thickness, double cell_size, pc_mesh *layer,
+                                          uint64_t *filled_loops);
 
 // Turns the components of `layer` over that face the other way than `reference`, by the area of
 // some of their triangles; or that face the same way, with `against`.

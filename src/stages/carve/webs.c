@@ -570,7 +570,8 @@ static bool replace_webs(pci_scratch *scratch, const pci_bvh *cloth, const uint8
 typedef struct quarry {
     const pci_bvh *cloth;
     const pc_mesh *mesh;
-    const pci_topology *topology; // its edges
+    pci_topology topology; // its edges, where they were asked for
+    pci_scratch *scratch;  // of those
     const uint8_t *kept;
     uint8_t most_rings;
     double cell_size;
@@ -578,7 +579,7 @@ typedef struct quarry {
 
 // Takes walls that begin at most so many rings before the border. False: out of memory, or
 // cancelled.
-static bool try_walls(pci_scratch *scratch, const quarry *q, const uint8_t *beyond, uint8_t rings,
+static bool try_walls(pci_scratch *scratch, quarry *q, const uint8_t *beyond, uint8_t rings,
                       const uint8_t *web, const uint8_t *away, const pci_bvh *web_bvh,
                       patches *webs, pc_mesh *layer, bool *mended) {
     patches walls = {0};
@@ -586,7 +587,10 @@ static bool try_walls(pci_scratch *scratch, const quarry *q, const uint8_t *beyo
     for (size_t t = 0; t < q->mesh->triangle_count && marked != NULL; ++t) {
         marked[t] = beyond[t] > 0 && beyond[t] <= rings;
     }
-    bool done = marked != NULL && fill_walls(scratch, q->mesh, q->topology, marked) &&
+    bool done = marked != NULL &&
+                (q->topology.edges != NULL ||
+                 pci_topology_build_edges(q->scratch, q->mesh, &q->topology)) &&
+                fill_walls(scratch, q->mesh, &q->topology, marked) &&
                 find_patches(scratch, q->mesh, marked, &walls);
     if (done) {
         leave_shallow(web_bvh, least_depth * q->cell_size, &walls);
@@ -598,8 +602,8 @@ static bool try_walls(pci_scratch *scratch, const quarry *q, const uint8_t *beyo
 }
 
 // One go at all webs there are. `rings` is the first number of rings to try, and then the next.
-static pc_status mend_once(pci_scratch *scratch, const char *stage, const quarry *q,
-                           const uint8_t *away, uint8_t *rings, pc_mesh *layer, bool *mended) {
+static pc_status mend_once(pci_scratch *scratch, const char *stage, quarry *q, const uint8_t *away,
+                           uint8_t *rings, pc_mesh *layer, bool *mended) {
     pc_context *context = scratch->context;
     pci_topology topology;
     patches webs = {0};
@@ -642,15 +646,19 @@ static pc_status mend_once(pci_scratch *scratch, const char *stage, const quarry
 pc_status pci_mend_webs(pci_scratch *scratch, const char *stage, const pci_bvh *cloth,
                         const pc_mesh *other, const uint8_t *kept, uint8_t most_rings,
                         double cell_size, uint8_t **away, pc_mesh *layer) {
-    pci_topology topology;
-    if (!pci_topology_build_edges(scratch, other, &topology)) {
-        return pci_fail_memory(scratch->context, stage);
-    }
-    const quarry q = {cloth, other, &topology, kept, most_rings, cell_size};
+    pci_scratch kept_longer = pci_scratch_begin(scratch->context);
+    quarry q = {.cloth = cloth,
+                .mesh = other,
+                .scratch = &kept_longer,
+                .kept = kept,
+                .most_rings = most_rings,
+                .cell_size = cell_size};
     pc_status status = PC_OK;
     bool mended = true;
     for (uint8_t rings = 1; mended && rings <= most_rings && status == PC_OK;) {
+        const struct pci_scratch_block *mark = scratch->blocks;
         status = mend_once(scratch, stage, &q, *away, &rings, layer, &mended);
+        pci_scratch_rewind(scratch, mark);
         if (status == PC_OK && mended) {
             *away = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
             status =
@@ -659,5 +667,6 @@ pc_status pci_mend_webs(pci_scratch *scratch, const char *stage, const pci_bvh *
                     : pci_fail_memory(scratch->context, stage);
         }
     }
+    pci_scratch_end(&kept_longer);
     return status;
 }

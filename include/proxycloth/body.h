@@ -32,6 +32,7 @@ typedef struct pc_body_skin {
     double *shares;      ///< #V, of the proxy, 0..1
 } pc_body_skin;
 
+/// Releases the arrays and zeroes the struct. NULL is accepted.
 void pc_body_skin_free(pc_context *context, pc_body_skin *skin);
 
 typedef struct pc_body_report {

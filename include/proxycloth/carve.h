@@ -9,14 +9,13 @@
 /// their border, a tenth of which is farther than 1.5 voxels from all rims of the garment, and of
 /// less than a tenth of the kept area), as beneath the hem of a layer that hangs over another or on
 /// top of a leaf, are kept as well.
-/// A strap about as thick as wide is a rod in the graph, of which the labels may leave out all: what
-/// lies farther than 2 voxels from what they keep, with more of the same across the solid, is kept
-/// all around.
-/// Where the labels keep both sides of a sheet (a tenth of the area or more lies back to back
-/// within half a voxel), the smaller side is cut off along the hem. A loop is a hole only if its
-/// part has twice the area of a disc of that circumference, so that the outer rim of a small part
-/// is never closed, and if the projected mesh goes on across it (no farther from its middle than
-/// half its mean radius), so that the space beside a strap stays open.
+/// A strap about as thick as wide is a rod in the graph, of which the labels may leave out all:
+/// what lies farther than 2 voxels from what they keep, with more of the same across the solid, is
+/// kept all around. Where the labels keep both sides of a sheet (a tenth of the area or more lies
+/// back to back within half a voxel), the smaller side is cut off along the hem. A loop is a hole
+/// only if its part has twice the area of a disc of that circumference, so that the outer rim of a
+/// small part is never closed, and if the projected mesh goes on across it (no farther from its
+/// middle than half its mean radius), so that the space beside a strap stays open.
 ///
 /// DEVIATION: cloth that is modelled with its thickness, a closed shell of two skins up to four
 /// voxels apart with a rim between them, counts as its outer skin (the larger one). Components that
@@ -118,7 +117,8 @@ extern const pc_record pc_carve_report_record;
 /// @param[in]  cell_size     of the grid it came from; > 0, both meshes at most 65536 of it wide.
 /// @param[out] single_layer  zeroed on entry.
 /// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_OPTIONS; PC_ERROR_NO_PROXY (no
-///         triangle is left); PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
+///         triangle is left); PC_ERROR_TOO_LARGE; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY;
+///         PC_ERROR_CANCELLED.
 PC_NODISCARD pc_status pc_carve(pc_context *context, const pc_mesh *surface,
                                 const pc_mesh *projected, const pc_labels *labels, double cell_size,
                                 const pc_carve_options *options, pc_mesh *single_layer,

@@ -19,8 +19,8 @@ typedef struct pc_character {
     size_t joint_count;
     char *joint_names;     ///< #J by 64
     double *joint_centers; ///< #J by 3, where the joint is in the rest pose
-    /// #J, the joint that this one hangs on, below its own index; PC_INVALID_INDEX: none. NULL: none
-    /// hangs on another.
+    /// #J, the joint that this one hangs on, below its own index; PC_INVALID_INDEX: none. NULL:
+    /// none hangs on another.
     uint32_t *joint_parents;
     size_t clip_count;
     char *clip_names;     ///< #clips by 64
@@ -44,6 +44,7 @@ typedef struct pc_character {
 PC_NODISCARD pc_status pc_character_create(pc_context *context, const pc_character *arrays,
                                            pc_character *character);
 
+/// Releases the arrays and zeroes the struct. NULL is accepted.
 void pc_character_free(pc_context *context, pc_character *character);
 
 #ifdef __cplusplus

@@ -35,6 +35,7 @@ typedef struct pc_graph {
     int8_t *opposite_signs; ///< #O, sign(d_first - d_second): -1, 0 (no bias term) or 1
 } pc_graph;
 
+/// Releases the arrays and zeroes the struct. NULL is accepted.
 void pc_graph_free(pc_context *context, pc_graph *graph);
 
 typedef struct pc_graph_options {

@@ -34,6 +34,7 @@ typedef struct pc_labels {
     uint8_t *labels; ///< #V, 1 on the layer that is kept
 } pc_labels;
 
+/// Releases the arrays and zeroes the struct. NULL is accepted.
 void pc_labels_free(pc_context *context, pc_labels *labels);
 
 typedef struct pc_label_options {

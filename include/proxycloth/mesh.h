@@ -20,6 +20,7 @@ typedef struct pc_mesh {
     uint32_t *triangles; ///< #F by 3, each < vertex_count
 } pc_mesh;
 
+/// Releases the arrays and zeroes the struct. NULL is accepted.
 void pc_mesh_free(pc_context *context, pc_mesh *mesh);
 
 /// Sum of the areas of all triangles.
@@ -34,6 +35,7 @@ typedef struct pc_motion {
     uint8_t *pinned;   ///< #V, 1 where the vertex is held fixed
 } pc_motion;
 
+/// Releases the arrays and zeroes the struct. NULL is accepted.
 void pc_motion_free(pc_context *context, pc_motion *motion);
 
 /// Look of a part of the visual mesh (metallic-roughness model of glTF 2.0, factors only).
@@ -68,6 +70,7 @@ typedef struct pc_visual {
     float *joint_weights;     ///< #C by 4, sum 1, or all 0; NULL where `joints` is
 } pc_visual;
 
+/// Releases the arrays and zeroes the struct. NULL is accepted.
 void pc_visual_free(pc_context *context, pc_visual *visual);
 
 /// Arrays of a caller, read and never kept. Pointers other than the first two may be NULL.

@@ -43,7 +43,7 @@ PC_NODISCARD pc_status pc_options_parse(pc_context *context, const char *text, s
                                         size_t group_count);
 
 /// Sets options from a JSON file; see pc_options_parse.
-/// @return also PC_ERROR_IO.
+/// @return also PC_ERROR_IO; PC_ERROR_INVALID_ARGUMENT (no path).
 PC_NODISCARD pc_status pc_options_read(pc_context *context, const char *path,
                                        const pc_option_group *groups, size_t group_count);
 

@@ -77,6 +77,7 @@ typedef struct pc_asset {
     pc_skin skin;
 } pc_asset;
 
+/// Releases the arrays and zeroes the struct. NULL is accepted.
 void pc_asset_free(pc_context *context, pc_asset *asset);
 
 /// One stage as data: its name, its options and report, and where they are in the structs above.

@@ -50,7 +50,8 @@ extern const pc_record pc_project_report_record;
 
 /// @param[in]  surface    the visual mesh.
 /// @param[in]  isosurface closed manifold mesh around it.
-/// @param[in]  cell_size  of the grid the mesh came from; > 0, both meshes at most 65536 of it wide.
+/// @param[in]  cell_size  of the grid the mesh came from; > 0, both meshes at most 65536 of it
+/// wide.
 /// @param[out] projected  zeroed on entry.
 /// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_OPTIONS; PC_ERROR_TOO_LARGE;
 ///         PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.

@@ -124,6 +124,7 @@ typedef struct pc_scenario {
     pc_collider *colliders;
 } pc_scenario;
 
+/// Releases the arrays and zeroes the struct. NULL is accepted.
 void pc_scenario_free(pc_context *context, pc_scenario *scenario);
 
 struct pc_simulate_options;
@@ -131,9 +132,9 @@ struct pc_simulate_options;
 /// Reads a scenario file.
 /// @param[in,out] options   options that the file names are set, the others stay.
 /// @param[out]    scenario  zeroed on entry; empty on failure.
-/// @return PC_OK; PC_ERROR_IO; PC_ERROR_FORMAT (not JSON, with line); PC_ERROR_INVALID_OPTIONS
-///         (unknown key, wrong type, value out of range; with the file's name and the key's path,
-///         for example pins[1].box.min); PC_ERROR_OUT_OF_MEMORY.
+/// @return PC_OK; PC_ERROR_INVALID_ARGUMENT (no path); PC_ERROR_IO; PC_ERROR_FORMAT (not JSON, with
+///         line); PC_ERROR_INVALID_OPTIONS (unknown key, wrong type, value out of range; with the
+///         file's name and the key's path, for example pins[1].box.min); PC_ERROR_OUT_OF_MEMORY.
 PC_NODISCARD pc_status pc_scenario_read(pc_context *context, const char *path,
                                         struct pc_simulate_options *options, pc_scenario *scenario);
 
@@ -143,7 +144,8 @@ PC_NODISCARD pc_status pc_scenario_parse(pc_context *context, const char *text, 
                                          pc_scenario *scenario);
 
 /// Checks what the parser checks of a scenario that a program filled: ranges, ascending times,
-/// names that end. @return PC_OK; PC_ERROR_INVALID_OPTIONS.
+/// names that end.
+/// @return PC_OK; PC_ERROR_INVALID_OPTIONS.
 PC_NODISCARD pc_status pc_scenario_check(pc_context *context, const pc_scenario *scenario);
 
 #ifdef __cplusplus

@@ -119,8 +119,8 @@ extern const pc_record pc_simplify_report_record;
 /// @param[in]  single_layer  any triangle mesh, as a rule manifold with boundary.
 /// @param[out] proxy         zeroed on entry.
 /// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_OPTIONS; PC_ERROR_TOO_LARGE;
-///         PC_ERROR_NO_PROXY (no triangle, or no area); PC_ERROR_OUT_OF_MEMORY; PC_ERROR_CANCELLED;
-///         by `joint` also those of pc_simulate and pc_skin_optimize.
+///         PC_ERROR_NO_PROXY (no triangle, or no area); PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY
+///         (Embree); PC_ERROR_CANCELLED; by `joint` also those of pc_simulate and pc_skin_optimize.
 PC_NODISCARD pc_status pc_simplify(pc_context *context, const pc_visual *visual,
                                    const pc_mesh *single_layer, const pc_simplify_options *options,
                                    pc_mesh *proxy, pc_simplify_report *report);

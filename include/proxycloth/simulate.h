@@ -2,9 +2,10 @@
 ///
 /// Springs along the edges resist stretch, springs between the non-shared vertices of adjacent
 /// triangles resist bending (section 4). The highest `pinned_fraction` of the vertices is held,
-/// wind of random direction and strength acts on the triangles (section 5.2), in gusts of a third to
-/// two thirds of a second that soon have blown from all sides. A scenario (proxycloth/scenario.h)
-/// chooses other winds and pins, lets pinned vertices move, and adds colliders.
+/// wind of random direction and strength acts on the triangles (section 5.2), in gusts of a third
+/// to two thirds of a second that soon have blown from all sides. A scenario
+/// (proxycloth/scenario.h) chooses other winds and pins, lets pinned vertices move, and adds
+/// colliders.
 ///
 /// One step: facet wind force air * A * ((wind - v_mean) . n) n / 3 per corner (never more than
 /// what stops the facet relative to the wind), v = (v + dt (f / m + g)) (1 - damping),

@@ -104,6 +104,7 @@ typedef struct pc_skin {
     uint32_t skinning;   ///< pc_skinning, what the weights are for
 } pc_skin;
 
+/// Releases the arrays and zeroes the struct. NULL is accepted.
 void pc_skin_free(pc_context *context, pc_skin *skin);
 
 typedef enum pc_skin_solver {

@@ -48,6 +48,7 @@ typedef struct pc_grid {
     float *values;     ///< distance to the surface at each sample
 } pc_grid;
 
+/// Releases the arrays and zeroes the struct. NULL is accepted.
 void pc_grid_free(pc_context *context, pc_grid *grid);
 
 /// Value of `voxels` that stands for auto, and what auto takes at least and at most.

@@ -52,9 +52,10 @@
 /// `carve_distance`, around which the visual mesh ends (rims on at least 9 of 12 sides, with the
 /// cloth not amid them), and behind which there is no other cloth within 1.5 voxels, nor within 3
 /// cloth that the layer leaves out, as at the bottom of a pouch or a rivet, is such a membrane and
-/// is cut out along the isoline of that distance. What bridges two surfaces, as between the legs or
-/// from a pocket to the coat, has no such rim around it and stays, as does what holds the layer
-/// together.
+/// is cut out along the isoline of half that distance, so that slits get nearly as deep as they
+/// are; with `snap_border` the cut then moves onto the hems. What bridges two surfaces, as between
+/// the legs or from a pocket to the coat, has no such rim around it and stays, as does what holds
+/// the layer together.
 ///
 /// DEVIATION: such webs, more than half a voxel away from the cloth, are replaced by the walls of
 /// the gap that they bridge, where the cloth, or else the other side of the projected mesh, shows

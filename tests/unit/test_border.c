@@ -115,7 +115,8 @@ static void measures_boundaries(void **state) {
 
 // ---- snapping ---------------------------------------------------------------------------------
 
-static pc_status snap(pc_context *context, const pc_mesh *garment, double cell, pc_mesh *layer) {
+static pc_status snap(pc_context *context, const pc_mesh *garment, double cut, double cell,
+                      pc_mesh *layer) {
     pci_scratch scratch = pci_scratch_begin(context);
     pci_topology topology;
     pci_bvh *bvh = NULL;
@@ -123,7 +124,7 @@ static pc_status snap(pc_context *context, const pc_mesh *garment, double cell, 
                            ? pci_bvh_create(context, "test", garment, &bvh)
                            : PC_ERROR_OUT_OF_MEMORY;
     if (status == PC_OK) {
-        status = pci_snap_border(context, "test", garment, &topology, bvh, cell, layer);
+        status = pci_snap_border(context, "test", garment, &topology, bvh, cut, cell, layer);
     }
     pci_bvh_destroy(context, bvh);
     pci_scratch_end(&scratch);
@@ -163,7 +164,7 @@ static void borders_snap_to_hems(void **state) {
     for (uint64_t seed = 0; seed < 4; ++seed) {
         pc_mesh layer = ragged_sheet(context, cell, 0.9 * cell, seed);
         const size_t triangles = layer.triangle_count;
-        assert_ok(context, snap(context, &garment, cell, &layer));
+        assert_ok(context, snap(context, &garment, 0.0, cell, &layer));
         size_t on_rim = 0;
         double area = 0.0;
         for (size_t v = 0; v < layer.vertex_count; ++v) {
@@ -207,7 +208,7 @@ static void other_borders_stay(void **state) {
         const size_t count = 3 * cases[i].layer->vertex_count;
         double *before = PCI_SCRATCH(&scratch, double, count);
         memcpy(before, cases[i].layer->positions, count * sizeof(*before));
-        assert_ok(context, snap(context, cases[i].garment, cell, cases[i].layer));
+        assert_ok(context, snap(context, cases[i].garment, 0.0, cell, cases[i].layer));
         double moved = 0.0;
         for (size_t k = 0; k < count; ++k) {
             moved = fmax(moved, fabs(cases[i].layer->positions[k] - before[k]));
@@ -224,6 +225,26 @@ static void other_borders_stay(void **state) {
     pc_context_destroy(context);
 }
 
+// Where a cut beside the cloth is meant only, borders on the cloth stay.
+static void only_what_is_beside_snaps(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    const double cell = 1.0 / 24.0, moved_left = 0.7 * cell;
+    pc_mesh garment = test_sheet(context, 50, 50, 1.0, 1.0);
+    pc_mesh layer = test_sheet(context, 24, 24, 1.0, 1.0);
+    for (size_t v = 0; v < layer.vertex_count; ++v) {
+        layer.positions[3 * v] -= moved_left;
+    }
+    assert_ok(context, snap(context, &garment, 0.25 * cell, cell, &layer));
+    for (size_t row = 1; row < 24; ++row) {
+        assert_close(layer.positions[3 * (25 * row)], 0.0, 1e-9);
+        assert_close(layer.positions[3 * (25 * row + 24)], 1.0 - moved_left, 1e-9);
+    }
+    pc_mesh_free(context, &garment);
+    pc_mesh_free(context, &layer);
+    pc_context_destroy(context);
+}
+
 static void survives_a_lack_of_memory(void **state) {
     (void)state;
     counting_allocator counter = {0};
@@ -232,7 +253,7 @@ static void survives_a_lack_of_memory(void **state) {
             layer = test_sheet(context, 4, 4, 0.9, 1.0);
     starvation s = {.counter = &counter};
     while (starves(&s)) {
-        s.status = snap(context, &garment, 0.2, &layer);
+        s.status = snap(context, &garment, 0.0, 0.2, &layer);
     }
     assert_true(s.failures > 20);
     pc_mesh_free(context, &garment);
@@ -245,7 +266,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(hems_are_where_cloth_ends), cmocka_unit_test(measures_boundaries),
         cmocka_unit_test(borders_snap_to_hems),      cmocka_unit_test(other_borders_stay),
-        cmocka_unit_test(survives_a_lack_of_memory),
+        cmocka_unit_test(only_what_is_beside_snaps), cmocka_unit_test(survives_a_lack_of_memory),
     };
     return cmocka_run_group_tests_name("border", tests, NULL, NULL);
 }

@@ -1,7 +1,9 @@
 // Slits, corners and folds of hems.
 #include "support/test.h"
 
+#include "geometry/halfedge.h"
 #include "proxycloth/evaluate.h"
+#include "proxycloth/pipeline.h"
 #include "stages/simplify/notches.h"
 #include "support/proxy_shape.h"
 #include "support/surfaces.h"
@@ -215,6 +217,50 @@ static void edges_lie_in_folds(void **state) {
     pc_context_destroy(context);
 }
 
+// A slit that the voxels close at its tip is nearly as deep in the single layer, with its sides on
+// the hems.
+static void slits_are_cut_open(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    const double cell = height / 32.0, mouth = 1.7 * cell, depth = 0.35;
+    pc_mesh skirt = slit_skirt(context, depth, mouth);
+    const pc_visual_arrays arrays = {.vertex_count = skirt.vertex_count,
+                                     .positions = skirt.positions,
+                                     .triangle_count = skirt.triangle_count,
+                                     .triangles = skirt.triangles};
+    pc_asset asset = {0};
+    pc_options options = pc_default_options();
+    options.carve.layer_source = PC_LAYER_LABELS;
+    assert_ok(context, pc_visual_create(context, &arrays, &asset.visual, NULL));
+    for (pc_stage stage = 0; stage <= PC_STAGE_CARVE; ++stage) {
+        assert_ok(context, pc_run_stage(context, stage, &options, &asset, NULL));
+    }
+    const pc_mesh *layer = &asset.single_layer;
+    pci_scratch scratch = pci_scratch_begin(context);
+    pci_halfedge halves;
+    assert_true(pci_halfedge_build(&scratch, layer, &halves));
+    double deepest = 0.0, beside = 0.0;
+    size_t sides = 0;
+    for (uint32_t v = 0; v < layer->vertex_count; ++v) {
+        const double *p = &layer->positions[3 * (size_t)v];
+        if (halves.outgoing[v] == PC_INVALID_INDEX || !pci_is_border_vertex(&halves, v) ||
+            p[0] < 0.0 || fabs(p[2]) > mouth || p[1] > height / 2.0) {
+            continue;
+        }
+        deepest = fmax(deepest, p[1]);
+        if (p[1] > cell && p[1] < 0.6 * depth) {
+            beside += fabs(fabs(p[2]) - 0.5 * mouth * (1.0 - p[1] / depth));
+            ++sides;
+        }
+    }
+    assert_true(deepest > 0.8 * depth && deepest < depth);
+    assert_true(sides > 50 && beside < 0.02 * cell * (double)sides);
+    pci_scratch_end(&scratch);
+    pc_asset_free(context, &asset);
+    pc_mesh_free(context, &skirt);
+    pc_context_destroy(context);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(slits_keep_their_corners),
@@ -222,6 +268,7 @@ int main(void) {
         cmocka_unit_test(shallow_slits_are_closed),
         cmocka_unit_test(only_narrow_and_shallow_notches_are_filled),
         cmocka_unit_test(edges_lie_in_folds),
+        cmocka_unit_test(slits_are_cut_open),
     };
     return cmocka_run_group_tests_name("slits", tests, NULL, NULL);
 }

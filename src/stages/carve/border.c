@@ -6,6 +6,9 @@
 // How far a hem may be from the border, in voxels: the iso-surface and the label cut each add up to
 // one half, and the cut follows the voxels.
 static const double snap_reach = 1.5;
+// A vertex that was cut off is so far from the surface, in distances of the cut, which membranes
+// end at half of.
+static const double least_beside = 0.25;
 // Rings of vertices that follow the border, and that tell which way the cloth goes.
 enum { following_rings = 4, inward_rings = 3 };
 // Passes of evening out along the hem, and of spreading the moves to the rings.
@@ -22,6 +25,7 @@ typedef struct snapping {
     pc_mesh *layer;
     const pci_bvh *surface;
     double reach;
+    double cut;
     pci_topology topology;
     size_t loop_count, *offsets;
     uint32_t *loops;
@@ -167,7 +171,10 @@ static void snap_loops(snapping *s) {
     for (size_t i = 0; i < s->offsets[s->loop_count]; ++i) {
         const uint32_t v = s->loops[i];
         double target[3];
-        if (!s->strap[v] && nearest_hem(s, point_of(s, v), &s->inwards[3 * (size_t)v], target)) {
+        const bool stays =
+            s->strap[v] ||
+            (s->cut > 0.0 && pci_bvh_within(s->surface, point_of(s, v), least_beside * s->cut));
+        if (!stays && nearest_hem(s, point_of(s, v), &s->inwards[3 * (size_t)v], target)) {
             s->snapped[v] = 1;
             pci_sub(target, point_of(s, v), &s->moves[3 * (size_t)v]);
         }
@@ -334,8 +341,8 @@ static bool prepare(pci_scratch *scratch, const pc_mesh *surface, const pci_topo
     if (scratch->failed || !pci_topology_build_watched(scratch, s->layer, &s->topology) ||
         !pci_boundary_loops(scratch, s->layer, &s->topology, &s->loop_count, &s->offsets,
                             &s->loops) ||
-        (s->loop_count > 0 &&
-         !pci_find_hems(scratch, surface, edges, s->surface, cell_size, &s->hems))) {
+        (s->loop_count > 0 && !pci_find_hems(scratch, surface, edges, s->surface,
+                                             s->cut > 0.0 ? s->cut : cell_size, &s->hems))) {
         return false;
     }
     uint32_t *segments = PCI_SCRATCH(scratch, uint32_t, 3 * s->hems.count);
@@ -348,10 +355,11 @@ static bool prepare(pci_scratch *scratch, const pc_mesh *surface, const pci_topo
 }
 
 pc_status pci_snap_border(pc_context *context, const char *stage, const pc_mesh *surface,
-                          const pci_topology *edges, const pci_bvh *surface_bvh, double cell_size,
-                          pc_mesh *layer) {
+                          const pci_topology *edges, const pci_bvh *surface_bvh, double cut,
+                          double cell_size, pc_mesh *layer) {
     pci_scratch scratch = pci_scratch_begin(context);
-    snapping s = {.layer = layer, .surface = surface_bvh, .reach = snap_reach * cell_size};
+    snapping s = {
+        .layer = layer, .surface = surface_bvh, .reach = snap_reach * cell_size, .cut = cut};
     pc_status status = PC_OK;
     bool done = prepare(&scratch, surface, edges, cell_size, &s);
     if (done && s.hems.count > 0 && s.loop_count > 0) {

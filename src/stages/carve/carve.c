@@ -344,11 +344,20 @@ static pc_status labelled_layer(const carve_job *job, const pci_bvh *visual, pc_
                                   least_both_sides, layer, &peeled);
         pci_scratch_rewind(scratch, mark);
     }
-    if (status == PC_OK && job->options->snap_border) {
-        status = pci_snap_border(scratch->context, stage, job->cloth, job->edges, visual,
+    const bool snaps = job->options->snap_border;
+    if (status == PC_OK && snaps) {
+        status = pci_snap_border(scratch->context, stage, job->cloth, job->edges, visual, 0.0,
                                  job->cell_size, layer);
     }
-    return status == PC_OK ? cut(job, visual, &rims, layer, report) : status;
+    if (status == PC_OK) {
+        status = cut(job, visual, &rims, layer, report);
+    }
+    // The cut is made beside the hems.
+    return status == PC_OK && snaps && report->carved_regions > 0
+               ? pci_snap_border(scratch->context, stage, job->cloth, job->edges, visual,
+                                 job->options->carve_distance * job->cell_size, job->cell_size,
+                                 layer)
+               : status;
 }
 
 // The labelled triangles of the projected mesh; may be none.

@@ -45,6 +45,9 @@ static const double widest = 3.0;
 static const double beyond = 0.5, small = 3.2;
 // Membranes that are tested for holding the layer together.
 enum { most_tests = 256 };
+// A membrane that reaches the threshold is cut out up to where it is this share of that beside the
+// visual mesh: the tip of a slit is narrow.
+static const double followed = 0.5;
 static const double pi = 3.14159265358979323846;
 
 // ---- regions beside the visual mesh ------------------------------------------------------------
@@ -62,7 +65,7 @@ typedef struct region {
 
 // Joins the triangles that lie beside the visual mesh to regions, numbered by their first triangle:
 // `of` holds the region of each, PC_INVALID_INDEX for triangles that stay anyway.
-static bool join_regions(const pci_isoline *o, double threshold, uint32_t *of, region **regions,
+static bool join_regions(const pci_isoline *o, double distance, uint32_t *of, region **regions,
                          size_t *count) {
     const pci_halfedge *mesh = &o->mesh;
     uint8_t *beside = PCI_SCRATCH(mesh->scratch, uint8_t, mesh->triangle_count);
@@ -72,7 +75,7 @@ static bool join_regions(const pci_isoline *o, double threshold, uint32_t *of, r
     }
     pci_singletons(of, mesh->triangle_count);
     for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
-        beside[i / 3] |= o->distances[mesh->corners[i]] > threshold;
+        beside[i / 3] |= o->distances[mesh->corners[i]] > distance;
     }
     for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
         const uint32_t twin = mesh->twins[h];
@@ -418,6 +421,7 @@ typedef struct cutting {
     const pci_rims *rims;
     pci_outline_mode mode;
     double threshold, cell_size;
+    double isoline; // distance up to which regions go
     const demands *least;
     uint8_t *keep; // #F of the refined layer
     uint32_t *of;  // #F, region, PC_INVALID_INDEX: none
@@ -496,11 +500,11 @@ static bool find_regions(cutting *c, const pci_knn *focus, const pci_knn *closer
                        .closer = closer,
                        .reach = reach,
                        .coarse = c->least == &of_candidates};
-    if (!pci_isoline_refine(scratch, layer, c->threshold, shortest, o)) {
+    if (!pci_isoline_refine(scratch, layer, c->isoline, shortest, o)) {
         return false;
     }
     uint32_t *of = c->of = PCI_SCRATCH(scratch, uint32_t, o->mesh.triangle_count);
-    if (of == NULL || !join_regions(o, c->threshold, of, &c->regions, &c->region_count)) {
+    if (of == NULL || !join_regions(o, c->isoline, of, &c->regions, &c->region_count)) {
         return false;
     }
     measure_extent(o, of, c->regions, c->region_count);
@@ -565,6 +569,7 @@ pc_status pci_cut_outline(pci_scratch *scratch, const char *stage, const pci_bvh
                  .mode = mode,
                  .threshold = threshold,
                  .cell_size = cell_size,
+                 .isoline = mode == PCI_OUTLINE_ALL ? threshold : followed * threshold,
                  .least = &of_candidates};
     pci_isoline o;
     // The first pass finds candidates, the second refines near them, decides and cuts.

@@ -13,9 +13,9 @@ typedef enum pci_outline_mode {
 } pci_outline_mode;
 
 // `rims` are those of the visual mesh. Removes the regions of `layer` farther than `threshold`
-// beside the visual mesh; `removed_regions` and `removed_triangles` are added to. The layer must be
-// manifold and stays so; it may end without triangles. PC_OK; PC_ERROR_OUT_OF_MEMORY;
-// PC_ERROR_CANCELLED.
+// beside the visual mesh, membranes up to half of that; `removed_regions` and `removed_triangles`
+// are added to. The layer must be manifold and stays so; it may end without triangles. PC_OK;
+// PC_ERROR_OUT_OF_MEMORY; PC_ERROR_CANCELLED.
 PC_NODISCARD pc_status pci_cut_outline(pci_scratch *scratch, const char *stage,
                                        const pci_bvh *visual, const pci_rims *rims,
                                        pci_outline_mode mode, double threshold, double cell_size,

@@ -30,16 +30,17 @@
 /// within a voxel of each other, every visual vertex is within a voxel (and the thickness of a
 /// shell) of it, and
 /// - at most 2 % of its area sees another sheet within a voxel, or
-/// - it is folded: as much of it sees a back behind it within a voxel as a front before it (up to
-///   5 % of the area, or twice as much; a lining shows backs only), 15 % at most, and the labels
-///   give another number of components or loops, or leave 1 % of its vertices more than 2 voxels
-///   away. Simplify flattens pleats that are too narrow for the proxy.
+/// - at most 15 % sees a back behind it, and either that is a second ply (a hem that is turned in, a
+///   lining) and the rest is plain when it is cut off along its fold; or there is no such ply, so
+///   that the sheet is folded, and the labels give another number of components or loops, or leave
+///   1 % of its vertices more than 2 voxels away. Simplify flattens pleats that are too narrow for
+///   the proxy.
 ///
 /// DEVIATION: where the labelled layer bridges gaps (half a percent of its area is more than half a
-/// voxel away from the cloth, as between two legs), the cloth made one sheet is taken instead, if
-/// it has as many components and loops, at most 1.5 times the boundary, and 99 % of the visual
-/// vertices are near it. What has another
-/// part before it within four voxels (trousers beneath a shirt) is cut away, and the rest sewn to
+/// voxel away from the cloth, as between two legs), or has more components than the cloth, the cloth
+/// made one sheet is taken instead, if it has as many components and loops, or fewer components, at
+/// most 1.5 times the boundary, and 99 % of the visual vertices are near it. What has another part
+/// before it within four voxels (trousers beneath a shirt) is cut away, and the rest sewn to
 /// the hem above it; second plies of a part (hems that are turned in, collars, the inside of a hat)
 /// are cut off along their fold. The sheet must then be plain, or folded where parts were sewn.
 ///

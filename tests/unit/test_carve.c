@@ -585,27 +585,29 @@ static void takes_clean_sheets_as_they_are(void **state) {
     pc_context_destroy(context);
 }
 
-// Cloth with a hem that is turned in goes by the labels, unless they bridge a gap and say what it
-// is without the hem. What else they bridge is mended.
+// Cloth with a long hem that is turned in goes by the labels, unless they bridge a gap and say what
+// it is without the hem, or tear it. What else they bridge is mended.
 static void takes_cloth_without_hems_for_bridges(void **state) {
     (void)state;
     pc_context *context = test_context(2);
     pc_mesh visual = test_hemmed_tube(context, 0.03);
-    for (int i = 0; i < 3; ++i) {
-        const bool bridged = i > 0, holed = i == 2;
+    for (int i = 0; i < 4; ++i) {
+        const bool bridged = i == 1 || i == 2, holed = i == 2, torn = i == 3;
         pc_mesh skin = test_tube(context, 48, 20, 0.5, 1.0), layer = {0};
         pc_labels labels = make_labels(context, skin.vertex_count, 1);
         for (size_t v = 0; v < skin.vertex_count; ++v) {
             double *p = &skin.positions[3 * v];
             const bool amid = p[1] > 0.2 && p[1] < 0.8;
-            labels.labels[v] = !(holed && p[1] > 0.1 && p[1] < 0.9 && p[0] < 0.0);
+            labels.labels[v] = !(holed && p[1] > 0.1 && p[1] < 0.9 && p[0] < 0.0) &&
+                               !(torn && p[1] > 0.3 && p[1] < 0.7);
             const double share = bridged && amid && p[0] > 0.3 ? 1.3 : 1.0;
             p[0] *= share, p[2] *= share;
         }
         pc_carve_report report = {0};
         assert_ok(context, pc_carve(context, &visual, &skin, &labels, 0.1, NULL, &layer, &report));
         check_layer(context, &layer, &report);
-        assert_int_equal(report.source, i == 1 ? PC_LAYER_VISUAL : PC_LAYER_LABELS);
+        assert_int_equal(report.source, i % 2 == 1 ? PC_LAYER_VISUAL : PC_LAYER_LABELS);
+        assert_int_equal(report.components, 1);
         assert_int_equal(report.boundary_loops, holed ? 3 : 2);
         double widest = 0.0;
         for (size_t v = 0; v < layer.vertex_count; ++v) {
@@ -615,6 +617,38 @@ static void takes_cloth_without_hems_for_bridges(void **state) {
         pc_mesh_free(context, &layer);
         pc_labels_free(context, &labels);
         pc_mesh_free(context, &skin);
+    }
+    pc_mesh_free(context, &visual);
+    pc_context_destroy(context);
+}
+
+// A tube whose end is flat shows backs only, as a lining does, but has no ply that could be cut
+// off: where the labels tear it, it is taken as it is.
+static void takes_folded_sheets_for_torn_labels(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    pc_mesh visual = test_tube(context, 48, 20, 0.5, 1.0);
+    for (size_t v = 0; v < visual.vertex_count; ++v) {
+        visual.positions[3 * v + 2] *=
+            fmin(0.05 + fmax(0.0, 2.0 * visual.positions[3 * v + 1] - 0.15), 1.0);
+    }
+    for (int torn = 0; torn < 2; ++torn) {
+        pc_labels labels = make_labels(context, visual.vertex_count, 1);
+        for (size_t v = 0; v < visual.vertex_count && torn; ++v) {
+            const double y = visual.positions[3 * v + 1];
+            labels.labels[v] = !(y > 0.3 && y < 0.7);
+        }
+        pc_mesh layer = {0};
+        pc_carve_report report = {0};
+        assert_ok(context,
+                  pc_carve(context, &visual, &visual, &labels, 0.1, NULL, &layer, &report));
+        check_layer(context, &layer, &report);
+        assert_int_equal(report.source, torn ? PC_LAYER_VISUAL : PC_LAYER_LABELS);
+        assert_int_equal(report.components, 1);
+        assert_int_equal(report.boundary_loops, 2);
+        assert_int_equal(layer.triangle_count, visual.triangle_count);
+        pc_mesh_free(context, &layer);
+        pc_labels_free(context, &labels);
     }
     pc_mesh_free(context, &visual);
     pc_context_destroy(context);
@@ -744,6 +778,7 @@ int main(void) {
         cmocka_unit_test(refines_triangles_without_area),
         cmocka_unit_test(takes_clean_sheets_as_they_are),
         cmocka_unit_test(takes_cloth_without_hems_for_bridges),
+        cmocka_unit_test(takes_folded_sheets_for_torn_labels),
         cmocka_unit_test(survives_lack_of_memory),
         cmocka_unit_test(is_deterministic),
         cmocka_unit_test(can_be_cancelled),

@@ -388,8 +388,9 @@ static pc_status take_visual(const carve_job *job, uint64_t filled, pc_mesh *vis
     return status == PC_OK ? measure(job, layer, report) : status;
 }
 
-// Where the labelled layer bridges gaps, as between two legs, the cloth made one sheet is taken if
-// that has the shape that the labels say, and no front is open that they closed.
+// Where the labelled layer bridges gaps, as between two legs, or is torn, the cloth made one sheet
+// is taken if that has the shape that the labels say, or fewer parts, and no front is open that
+// they closed.
 static pc_status try_tailoring(const carve_job *job, double boundary, pc_mesh *layer,
                                pc_carve_report *report, bool *taken) {
     pci_scratch *scratch = job->scratch;
@@ -405,8 +406,10 @@ static pc_status try_tailoring(const carve_job *job, double boundary, pc_mesh *l
     if (status == PC_OK && sewn.triangle_count > 0) {
         status = measure_shape(scratch, &sewn, &other, &length);
     }
-    *taken = status == PC_OK && other.components == report->components &&
-             other.boundary_loops == report->boundary_loops && length <= most_boundary * boundary;
+    const bool alike =
+        other.components == report->components && other.boundary_loops == report->boundary_loops;
+    *taken = status == PC_OK && sewn.triangle_count > 0 &&
+             (alike || other.components < report->components) && length <= most_boundary * boundary;
     if (*taken) {
         status = pci_measure_coverage(scratch, stage, job->surface, &sewn, job->cell_size,
                                       &other.coverage);
@@ -421,12 +424,16 @@ static pc_status try_tailoring(const carve_job *job, double boundary, pc_mesh *l
     return status;
 }
 
-// Whether there are so few parts that they may be one sheet, worn over each other.
-static bool may_be_tailored(const carve_job *job) {
+// Whether the cloth shall be made one sheet: the layer bridges gaps, or has more parts than the
+// cloth, and that has so few that they may be worn over each other.
+static bool shall_be_tailored(const carve_job *job, double share, size_t components) {
     const pc_mesh *cloth = job->cloth;
     uint32_t *parents = PCI_SCRATCH(job->scratch, uint32_t, cloth->vertex_count);
-    return parents != NULL && job->options->layer_source == PC_LAYER_AUTO &&
-           pci_vertex_components(cloth, parents) <= most_parts;
+    if (parents == NULL || job->options->layer_source != PC_LAYER_AUTO) {
+        return false;
+    }
+    const size_t parts = pci_vertex_components(cloth, parents);
+    return parts <= most_parts && (share > most_bridges || components > parts);
 }
 
 // What stands in for the labelled layer where it bridges gaps: the cloth made one sheet, or itself
@@ -440,7 +447,7 @@ static pc_status bridge_gaps(const carve_job *job, const pci_bvh *visual, double
     pc_status status = find_bridges(scratch, visual, layer, job->cell_size, &away, &share)
                            ? PC_OK
                            : pci_fail_memory(scratch->context, stage);
-    if (status == PC_OK && share > most_bridges && may_be_tailored(job)) {
+    if (status == PC_OK && shall_be_tailored(job, share, report->components)) {
         status = try_tailoring(job, boundary, layer, report, &taken);
     }
     if (status != PC_OK || taken) {

@@ -16,9 +16,6 @@ enum { grain = 256, most_near = 512 };
 // Sheets within a voxel of each other are close.
 // Below this share of the area that sees another sheet close by, a sheet is plain.
 static const double plain_share = 0.02;
-// A lining shows its back to the back of the cloth, everywhere. Where a sheet is folded, backs and
-// fronts meet in turn, so that the two shares are alike.
-static const double most_lined_surplus = 0.05, least_folded_ratio = 0.5;
 // What lies in layers for the most part is wanted as one layer, however it was folded.
 static const double most_folded_share = 0.15;
 // What is worn over something else hangs at most so many voxels away from it; so much of the
@@ -124,9 +121,7 @@ static pci_layering classify(probe *p) {
     if (back + front <= plain_share * area) {
         return PCI_PLAIN;
     }
-    const bool balanced =
-        back - front <= most_lined_surplus * area || front >= least_folded_ratio * back;
-    return balanced && back <= most_folded_share * area ? PCI_FOLDED : PCI_LAYERED;
+    return back <= most_folded_share * area ? PCI_FOLDED : PCI_LAYERED;
 }
 
 // @param reach  at least this `share` of the vertices of `surface` must be so near to the layer
@@ -225,27 +220,9 @@ static pc_status begin_layer(pci_scratch *scratch, const char *stage, const pc_m
     return status;
 }
 
-pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
-                           const pc_mesh *cloth, const pci_topology *edges, double thickness,
-                           double cell_size, bool always, pc_mesh *layer, pci_layering *layering,
-                           uint64_t *filled_loops) {
-    const struct pci_scratch_block *mark = scratch->blocks;
-    *layering = PCI_LAYERED;
-    pc_status status = begin_layer(scratch, stage, cloth, edges, cell_size, layer, filled_loops);
-    if (status == PC_OK && layer->triangle_count > 0 && !always) {
-        const bool same = layer->triangle_count == cloth->triangle_count;
-        status = measure(scratch, stage, surface, layer, same ? edges : NULL, thickness, cell_size,
-                         cell_size, 1.0, layering, NULL);
-        pci_scratch_rewind(scratch, mark);
-    }
-    if (status != PC_OK || (*layering == PCI_LAYERED && !always)) {
-        pc_mesh_free(scratch->context, layer);
-    }
-    return status;
-}
-
-// Hems and collars that are turned over make a second ply: without them the layer may be plain.
-// `seen`: by the layer's triangles, or NULL.
+// Hems and collars that are turned over make a second ply: with them the layer is layered, without
+// them it may be plain. Where nothing can be cut off, two sides of the cloth lie close, and a
+// folded sheet stays one. `seen`: by the layer's triangles, or NULL.
 static pc_status try_peeling(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
                              const uint32_t *seen, double thickness, double cell_size, double reach,
                              pc_mesh *layer, pci_layering *layering) {
@@ -258,6 +235,7 @@ static pc_status try_peeling(pci_scratch *scratch, const char *stage, const pc_m
     if (status == PC_OK && peeled) {
         status = measure(scratch, stage, surface, &rest, NULL, thickness, cell_size, reach,
                          least_covered, &without, NULL);
+        *layering = PCI_LAYERED;
     }
     if (status == PC_OK && without == PCI_PLAIN) {
         const pc_mesh swapped = *layer;
@@ -266,6 +244,30 @@ static pc_status try_peeling(pci_scratch *scratch, const char *stage, const pc_m
         *layering = without;
     }
     pc_mesh_free(scratch->context, &rest);
+    return status;
+}
+
+pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
+                           const pc_mesh *cloth, const pci_topology *edges, double thickness,
+                           double cell_size, bool always, pc_mesh *layer, pci_layering *layering,
+                           uint64_t *filled_loops) {
+    const struct pci_scratch_block *mark = scratch->blocks;
+    *layering = PCI_LAYERED;
+    pc_status status = begin_layer(scratch, stage, cloth, edges, cell_size, layer, filled_loops);
+    if (status == PC_OK && layer->triangle_count > 0 && !always) {
+        const bool same = layer->triangle_count == cloth->triangle_count;
+        uint32_t *seen = NULL;
+        status = measure(scratch, stage, surface, layer, same ? edges : NULL, thickness, cell_size,
+                         cell_size, 1.0, layering, &seen);
+        if (status == PC_OK && *layering == PCI_FOLDED) {
+            status = try_peeling(scratch, stage, surface, seen, thickness, cell_size, cell_size,
+                                 layer, layering);
+        }
+        pci_scratch_rewind(scratch, mark);
+    }
+    if (status != PC_OK || (*layering == PCI_LAYERED && !always)) {
+        pc_mesh_free(scratch->context, layer);
+    }
     return status;
 }
 

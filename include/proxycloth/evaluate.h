@@ -18,8 +18,8 @@
 ///   D / 32 apart along the same line. So linings and the sides of thick cloth are one sheet; a
 ///   sleeve narrower than that cannot be told from them and counts. Where two layers show each
 ///   other their outsides, as two legs or the walls of a fold do, what is between them is no cloth:
-///   there they are over one sheet only if the line meets no second one between them, or up to
-///   D / 64 behind them. Outside is the side that looks away from the proxy's middle, on the whole.
+///   there they are over one sheet only if the line meets no second one either, between them or up
+///   to D / 64 behind them. Outside is the side that looks away from the proxy's middle, on the whole.
 ///   The sides of a wider sleeve give 0, two layers over a single one 1, a proxy of one layer
 ///   always 0.
 /// - Self-intersections. Pairs that share an edge never count; pairs that share a vertex do when

@@ -99,8 +99,8 @@ static bool share_sheet(const sampling *s, const line *l, const places *layers, 
     for (size_t i = 0; i < layers->count && !shared; ++i) {
         const double other = layers->along[i];
         const bool faced = layers->front[i] && (other > own) == s->outward;
-        shared = faced ? !two_sheets(s, l, fmin(own, other) - beyond, fmax(own, other) + beyond)
-                       : fabs(closest_sheet(s, l, other) - sheet) < s->voxel;
+        shared = fabs(closest_sheet(s, l, other) - sheet) < s->voxel &&
+                 !(faced && two_sheets(s, l, fmin(own, other) - beyond, fmax(own, other) + beyond));
     }
     return shared;
 }

@@ -29,7 +29,7 @@
 ///   edge lengths from it, which is what a tube of three edges around needs. Edges that bridge a
 ///   fold flip into it.
 /// - Triangles with an angle below 36 degrees are treated one by one: their vertices search better
-///   places, edges collapse or split, and the vertex count is balanced elsewhere. So sleeves stay
+///   places, edges collapse, and the longest ones elsewhere are split instead. So sleeves stay
 ///   tubes of at least three edges around, and straps become strips one triangle wide. What is
 ///   narrower still is widened, by at most .7 edge lengths.
 /// - Where the proxy crosses itself it is pushed apart; then vertices move alone and together, and

@@ -221,8 +221,8 @@ static bool holds(const pci_halfedge *coarse, uint32_t triangle, uint32_t v) {
 }
 
 // Least angle around v without the triangles that hold `other`; negative as soon as one of them
-// leaves the fine surface or an edge gets longer than `longest`.
-static double open_angle(const pci_relaxation *r, uint32_t v, uint32_t other, double longest) {
+// leaves the fine surface.
+static double open_angle(const pci_relaxation *r, uint32_t v, uint32_t other) {
     const pci_halfedge *coarse = r->coarse;
     double least = 180.0;
     PCI_FOR_OUTGOING(coarse, v, h) {
@@ -230,23 +230,12 @@ static double open_angle(const pci_relaxation *r, uint32_t v, uint32_t other, do
             continue;
         }
         const uint32_t b = pci_target(coarse, h), c = coarse->corners[pci_previous(h)];
-        const double reach = fmax(pci_squared_distance(point_of(r, v), point_of(r, b)),
-                                  pci_squared_distance(point_of(r, v), point_of(r, c)));
-        if (facing_cosine(r, v, b, c) < least_facing || reach > longest * longest) {
+        if (facing_cosine(r, v, b, c) < least_facing) {
             return -1.0;
         }
         least = fmin(least, pci_least_angle(point_of(r, v), point_of(r, b), point_of(r, c)));
     }
     return least;
-}
-
-static double longest_edge(const pci_relaxation *r, uint32_t v) {
-    double longest = 0.0;
-    PCI_FOR_OUTGOING(r->coarse, v, h) {
-        longest = fmax(longest,
-                       pci_squared_distance(point_of(r, v), point_of(r, pci_target(r->coarse, h))));
-    }
-    return sqrt(longest);
 }
 
 // Where the two ends of edge h should merge; returns the least angle afterwards, negative: nowhere.
@@ -260,9 +249,6 @@ static double best_merge(improvement *m, uint32_t h, place *where) {
     const bool border[2] = {pci_is_border_vertex(coarse, ends[0]),
                             pci_is_border_vertex(coarse, ends[1])};
     const place old[2] = {place_of(r, ends[0]), place_of(r, ends[1])};
-    const double scale = 0.5 * (r->scales[old[0].foot] + r->scales[old[1].foot]);
-    const double longest =
-        fmax(fmax(longest_edge(r, ends[0]), longest_edge(r, ends[1])), 2.0 * m->spacing / scale);
     double best = -1.0;
     for (size_t candidate = 0; candidate < 3; ++candidate) {
         if (candidate == 2) {
@@ -283,8 +269,7 @@ static double best_merge(improvement *m, uint32_t h, place *where) {
         }
         const place tried = place_of(r, ends[1]);
         put(r, ends[0], &tried);
-        const double angle = fmin(open_angle(r, ends[0], ends[1], longest),
-                                  open_angle(r, ends[1], ends[0], longest));
+        const double angle = fmin(open_angle(r, ends[0], ends[1]), open_angle(r, ends[1], ends[0]));
         if (angle > best && !strays(r, ends[0], ends[1], farthest * m->spacing) &&
             !strays(r, ends[1], ends[0], farthest * m->spacing)) {
             best = angle;
@@ -308,28 +293,10 @@ static uint32_t merge_edge(improvement *m, uint32_t h, const place *where) {
 
 // ---- splits -----------------------------------------------------------------------------------
 
-// Least angle of the triangles that splitting edge h would leave; the new vertex on the surface.
-// Negative: it belongs to a ring.
-static double split_angle(const improvement *m, uint32_t h) {
-    const pci_relaxation *r = m->r;
-    const pci_halfedge *coarse = r->coarse;
-    if (r->pinned[pci_origin(coarse, h)] == PCI_RINGED &&
-        r->pinned[pci_target(coarse, h)] == PCI_RINGED) {
-        return -1.0;
-    }
-    const uint32_t sides[2] = {h, coarse->twins[h]};
-    const double *p[2] = {point_of(r, pci_origin(coarse, h)), point_of(r, pci_target(coarse, h))};
-    double middle[3], least = 180.0;
-    for (size_t k = 0; k < 3; ++k) {
-        middle[k] = 0.5 * (p[0][k] + p[1][k]);
-    }
-    for (size_t s = 0; s < 2 && sides[s] != PC_INVALID_INDEX; ++s) {
-        const uint32_t a = pci_origin(coarse, sides[s]), b = pci_target(coarse, sides[s]);
-        const uint32_t c = coarse->corners[pci_previous(sides[s])];
-        least = fmin(least, pci_least_angle(point_of(r, a), middle, point_of(r, c)));
-        least = fmin(least, pci_least_angle(middle, point_of(r, b), point_of(r, c)));
-    }
-    return least;
+// Edges of rings stay whole.
+static bool may_split(const pci_relaxation *r, uint32_t h) {
+    return r->pinned[pci_origin(r->coarse, h)] != PCI_RINGED ||
+           r->pinned[pci_target(r->coarse, h)] != PCI_RINGED;
 }
 
 // Splits edge h in the middle; PC_INVALID_INDEX: out of memory or of room.
@@ -376,38 +343,22 @@ static void treat(improvement *m, uint32_t t) {
     if (triangle_angle(r, t) >= bad_angle) {
         return;
     }
-    double best = 0.0;
+    double best = least_gain;
     place where = {{0.0}, 0};
     uint32_t edge = PC_INVALID_INDEX;
-    bool merges = false;
-    for (uint32_t c = 0; c < 3; ++c) {
-        const uint32_t h = 3 * t + c;
+    for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
         const double around = fmin(pci_shape_of_fan(r, pci_origin(coarse, h)).angle,
                                    pci_shape_of_fan(r, pci_target(coarse, h)).angle);
         place tried = {{0.0}, 0};
-        const double merged = best_merge(m, h, &tried) - around;
-        if (merged > fmax(best, least_gain)) {
-            best = merged;
+        const double gain = best_merge(m, h, &tried) - around;
+        if (gain > best) {
+            best = gain;
             where = tried;
             edge = h;
-            merges = true;
-        }
-        double before = triangle_angle(r, t);
-        if (coarse->twins[h] != PC_INVALID_INDEX) {
-            before = fmin(before, triangle_angle(r, coarse->twins[h] / 3));
-        }
-        const double divided = split_angle(m, h) - before;
-        if (divided > fmax(best, least_gain)) {
-            best = divided;
-            edge = h;
-            merges = false;
         }
     }
     if (edge != PC_INVALID_INDEX) {
-        const uint32_t v = merges ? merge_edge(m, edge, &where) : split(m, edge);
-        if (v != PC_INVALID_INDEX) {
-            settle(m, v);
-        }
+        settle(m, merge_edge(m, edge, &where));
     }
 }
 
@@ -437,44 +388,28 @@ static bool treat_all(pci_scratch *scratch, improvement *m, size_t *count) {
     return true;
 }
 
-// Collapses the shortest or splits the longest edges until the number of vertices is right, first
-// where that leaves good angles.
+// Splits the longest edges until the number of vertices is what it was. False: out of memory.
 static bool balance(pci_scratch *scratch, improvement *m) {
-    static const double angles[] = {28.0, 22.0, 10.0, 0.0};
     pci_relaxation *r = m->r;
     pci_halfedge *coarse = r->coarse;
-    for (size_t level = 0; level < 4 && coarse->live_vertices != m->wanted; ++level) {
-        const bool merges = coarse->live_vertices > m->wanted;
-        pci_heap queue = {0};
-        for (uint32_t h = 0; h < 3 * coarse->triangle_count; ++h) {
-            if (pci_is_edge(coarse, h)) {
-                const double scale = 0.5 * (r->scales[r->feet[pci_origin(coarse, h)]] +
-                                            r->scales[r->feet[pci_target(coarse, h)]]);
-                const double key = edge_length(r, h) * scale;
-                if (!pci_heap_push(scratch, &queue, merges ? key : -key, h)) {
-                    return false;
-                }
+    pci_heap longest = {0};
+    for (uint32_t h = 0; h < 3 * coarse->triangle_count; ++h) {
+        if (pci_is_edge(coarse, h)) {
+            const double scale = 0.5 * (r->scales[r->feet[pci_origin(coarse, h)]] +
+                                        r->scales[r->feet[pci_target(coarse, h)]]);
+            if (!pci_heap_push(scratch, &longest, -edge_length(r, h) * scale, h)) {
+                return false;
             }
         }
-        pci_heap_entry entry;
-        while (coarse->live_vertices != m->wanted && pci_heap_pop(&queue, &entry)) {
-            const uint32_t h = entry.item;
-            if (!pci_is_edge(coarse, h)) {
-                continue;
+    }
+    pci_heap_entry entry;
+    while (coarse->live_vertices < m->wanted && pci_heap_pop(&longest, &entry)) {
+        if (pci_is_edge(coarse, entry.item) && may_split(r, entry.item)) {
+            const uint32_t v = split(m, entry.item);
+            if (v == PC_INVALID_INDEX) {
+                return !scratch->failed;
             }
-            place where = {0};
-            uint32_t v = PC_INVALID_INDEX;
-            if (merges && best_merge(m, h, &where) >= angles[level]) {
-                v = merge_edge(m, h, &where);
-            } else if (!merges && split_angle(m, h) >= angles[level]) {
-                v = split(m, h);
-                if (v == PC_INVALID_INDEX) {
-                    return !scratch->failed;
-                }
-            }
-            if (v != PC_INVALID_INDEX) {
-                settle(m, v);
-            }
+            settle(m, v);
         }
     }
     return true;

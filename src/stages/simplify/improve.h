@@ -1,5 +1,5 @@
-// Removes slivers that sliding and flipping cannot: collapses and splits edges, then searches
-// better places for the vertices of what is left.
+// Removes slivers that sliding and flipping cannot: searches better places for their vertices,
+// collapses edges, and splits others instead.
 #ifndef PCI_IMPROVE_H
 #define PCI_IMPROVE_H
 
@@ -15,9 +15,9 @@ pci_fan_shape pci_shape_of_fan(const pci_relaxation *relaxation, uint32_t vertex
 // The same of one triangle.
 pci_fan_shape pci_shape_of_triangle(const pci_relaxation *relaxation, uint32_t triangle);
 
-// Collapses and splits edges around triangles with an angle below 36 degrees where that raises the
-// least angle, then others until the number of vertices is what it was. Vertices and triangles are
-// numbered anew without gaps.
+// Collapses edges of triangles with an angle below 36 degrees where that raises the least angle,
+// then splits the longest ones until the number of vertices is what it was. Vertices and triangles
+// are numbered anew without gaps.
 // @param nearby        per fine vertex, a coarse vertex near it; follows the changes
 // @param nearby_count  fine vertices
 // feet and pinned are replaced by new arrays. False: out of memory or cancelled.

@@ -2,8 +2,8 @@
 
 #include <stdlib.h>
 
-#include "geometry/triangle_distance.h"
 #include "geometry/halfedge.h"
+#include "geometry/triangle_distance.h"
 
 // Mouth and depth of notches that are filled, in expected edge lengths.
 static const double widest = 0.5, deepest = 0.55;

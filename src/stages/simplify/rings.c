@@ -19,14 +19,10 @@ static const double steepest = 1.1;
 // Levels of the distance to the opening per cluster, and the levels over which growth is judged.
 static const double levels_per_edge = 4.0;
 static const size_t growth_levels = 3;
-// The first levels may grow faster: cuffs are gathered or turned inwards.
-static const size_t hem_levels = 3;
 // A tube is at least this many levels long.
 static const size_t least_levels = 4;
 // Clusters between a tube and another opening or tube.
 static const double margin = 1.0;
-// Levels by which a tube is shortened at most to make it a simple one.
-static const size_t most_retreats = 12;
 // Tubes are given up until the rest has so much of the vertices that the scales give it.
 static const double least_rest = 0.8;
 // Counts of clusters that differ by less become equal from one tube to the next.
@@ -194,7 +190,7 @@ static bool count_levels(search *t, double step, double widest_length, size_t *c
     for (; k < levels; ++k) {
         const double growth = steepest * step * (double)growth_levels;
         if (!(lengths[k] > 0.0) || lengths[k] > widest_length ||
-            (k > hem_levels + growth_levels && lengths[k] - lengths[k - growth_levels] > growth)) {
+            (k > growth_levels && lengths[k] - lengths[k - growth_levels] > growth)) {
             break;
         }
     }
@@ -404,13 +400,11 @@ static bool try_loop(search *t, uint32_t start, double edge, size_t turn, pci_ri
     if (!spread(t, start, edge) || !count_levels(t, step, (widest + 1.5) * edge, &level)) {
         return false;
     }
-    bool simple = false;
-    for (size_t retreat = 0; !simple && retreat < most_retreats && level >= least_levels;
-         ++retreat, --level) {
-        take_inside(t, (double)level * step);
-        simple = is_annulus(t, loop);
+    if (level < least_levels) {
+        return true;
     }
-    if (!simple) {
+    take_inside(t, (double)level * step);
+    if (!is_annulus(t, loop)) {
         return true;
     }
     if (!pci_map_to_cylinder(t->scratch, &t->tube, t->loop_of, loop)) {

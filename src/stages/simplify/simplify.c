@@ -96,9 +96,9 @@ static const size_t fit_passes = PCI_EFFORT(10, 2);
 static const size_t most_attempts = PCI_EFFORT(8, 1);
 static const size_t vertices_of_attempts = 32768;
 // A vertex of the single layer farther than this from the proxy, in expected edge lengths, may mean
-// that two sides of a leg have fallen together. Then other clusters come much nearer, to this
-// share; where they do not, it is how the garment is. About so many vertices are asked.
-static const double farthest_kept = 0.5, much_nearer = 0.6;
+// that two sides of a leg have fallen together; then other clusters come nearer. About so many
+// vertices are asked.
+static const double farthest_kept = 0.5;
 static const size_t asked_vertices = 8192;
 
 // ---- steps ------------------------------------------------------------------------------------
@@ -456,7 +456,7 @@ static bool is_flawless(const attempt *a) {
 static bool is_better(const attempt *a, const attempt *b) {
     return a->flaws.crossings != b->flaws.crossings ? a->flaws.crossings < b->flaws.crossings
            : a->flaws.slivers != b->flaws.slivers   ? a->flaws.slivers < b->flaws.slivers
-                                                    : a->farthest < much_nearer * b->farthest;
+                                                    : a->farthest < b->farthest;
 }
 
 // Clusters that begin elsewhere give another proxy: the first one without flaw, else the best.

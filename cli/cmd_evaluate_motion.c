@@ -49,7 +49,6 @@ static int simulate(comparison *c) {
                  (unsigned)seed);
     }
     options.seed = seed;
-    options.rehearse = false;
     if (status == PC_OK) {
         const pc_simulate_inputs inputs = {&asset->proxy, &scenario, &asset->visual,
                                            &asset->character};

@@ -14,7 +14,6 @@ void pc_motion_free(pc_context *context, pc_motion *motion) {
     if (motion != NULL) {
         pc_release(context, motion->positions);
         pc_release(context, motion->pinned);
-        pc_release(context, motion->rehearsal);
         memset(motion, 0, sizeof(*motion));
     }
 }

@@ -19,15 +19,15 @@
 ///   /label            labels
 ///   /carve            positions, triangles
 ///   /simplify         positions, triangles
-///   /simulate         positions and rehearsal (#frames by #V by 3), pinned, scenario (its JSON
-///                     text as bytes, without the options); attribute: frame_time
+///   /simulate         positions (#frames by #V by 3), pinned, scenario (its JSON text as bytes,
+///                     without the options); attribute: frame_time
 ///   /skin             bones, weights; attribute: skinning (pc_skinning; absent: 0)
 /// and in each group the groups `options` (not in /visual) and `report`, one attribute per field.
-/// normals, texcoords, colors, curvatures, outer_distances, rehearsal, everything of parts, joints
-/// and pc_character, and an empty scenario are absent where they are NULL. Numbers are
-/// little-endian with the size that they have in memory, bool is a byte, a choice is stored as its
-/// name. Fields that a file lacks take their default (options) or 0 (reports), fields that the
-/// library does not know are ignored: a new field alone needs no new format version.
+/// normals, texcoords, colors, curvatures, outer_distances, everything of parts, joints and
+/// pc_character, and an empty scenario are absent where they are NULL.
+/// Numbers are little-endian with the size that they have in memory, bool is a byte, a choice is
+/// stored as its name. Fields that a file lacks take their default (options) or 0 (reports), fields
+/// that the library does not know are ignored: a new field alone needs no new format version.
 ///
 /// After the part that belongs to HDF5 follow 16 bytes that HDF5 programs ignore: "pc-asset" and
 /// the 64-bit FNV-1a hash of all bytes before, little-endian. A file without them, or with another

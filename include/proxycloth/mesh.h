@@ -33,7 +33,6 @@ typedef struct pc_motion {
     double *positions; ///< #frames by #V by 3, absolute, in the unit of the input
     double frame_time; ///< seconds from one frame to the next
     uint8_t *pinned;   ///< #V, 1 where the vertex is held fixed
-    double *rehearsal; ///< as positions: what weights are made for in their place; or NULL
 } pc_motion;
 
 /// Releases the arrays and zeroes the struct. NULL is accepted.

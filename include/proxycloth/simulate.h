@@ -30,10 +30,6 @@
 /// Contacts are discrete and give way where they strain an edge by twice the limit; what crosses at
 /// rest may go on crossing.
 ///
-/// So that weights do not suit the gusts of the motion alone, the same cloth is simulated again, on
-/// another thread, in the gusts that would follow (`rehearse`): every other frame of the `rehearsal`
-/// is from there, the rest are those of the motion. Without random winds there is none.
-///
 /// DEVIATION: a connected part without a held vertex gets its own `pinned_fraction`; it would fall
 /// out of the scene.
 ///
@@ -71,7 +67,6 @@ typedef struct pc_simulate_options {
     double contact_distance;    ///< m, that the cloth keeps from colliders
     double friction;            ///< Coulomb's coefficient at colliders and between cloth
     double self_contact;        ///< distance to keep from itself, mean edge lengths; 0: none
-    bool rehearse;              ///< weights learn from more winds than the motion shows
     uint32_t up_axis;           ///< 0 x, 1 y, 2 z
     uint32_t seed;
 } pc_simulate_options;

@@ -176,7 +176,7 @@ extern const pc_record pc_skin_report_record;
 
 /// @param[in]  surface  the visual mesh.
 /// @param[in]  proxy    rest pose of the driving mesh.
-/// @param[in]  motion   its frames; the rehearsal alone counts where there is one.
+/// @param[in]  motion   its frames.
 /// @param[out] skin     zeroed on entry.
 /// @return PC_OK; PC_ERROR_INVALID_ARGUMENT; PC_ERROR_INVALID_OPTIONS; PC_ERROR_TOO_LARGE;
 ///         PC_ERROR_NUMERICAL; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY (Embree);

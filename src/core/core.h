@@ -114,12 +114,11 @@ PC_NODISCARD bool pci_parallel_while_wanted(pc_context *context, size_t count, s
 void pci_parallel_wait(pc_context *context, const atomic_uint *count, uint32_t least);
 
 // Calls task(user, i, own) for i < count and returns the status of the first one that failed; later
-// ones may be left out then. Where that leaves no more than `idle` threads without a task they run
-// side by side, each with a context of its own whose loops stay on its thread; else one after the
-// other, with `context`.
+// ones may be left out then. Where there are tasks for at least half of the threads they run side
+// by side, each with a context of its own whose loops stay on its thread; else one after the other,
+// with `context`.
 typedef pc_status (*pci_task)(void *user, size_t index, pc_context *own);
-PC_NODISCARD pc_status pci_run_tasks(pc_context *context, size_t count, size_t idle, pci_task task,
-                                     void *user);
+PC_NODISCARD pc_status pci_run_tasks(pc_context *context, size_t count, pci_task task, void *user);
 
 // ---- random numbers -----------------------------------------------------------------------------
 

@@ -252,10 +252,10 @@ static void run_task(void *user, size_t begin, size_t end, uint32_t worker) {
     pci_embree_release(own.embree);
 }
 
-pc_status pci_run_tasks(pc_context *context, size_t count, size_t idle, pci_task task, void *user) {
+pc_status pci_run_tasks(pc_context *context, size_t count, pci_task task, void *user) {
     const uint32_t threads = pc_context_threads(context);
     pc_status status = PC_OK;
-    if (threads == 1 || (threads > count && threads - count > idle) || count == 1) {
+    if (threads == 1 || threads > 2 * count || count == 1) {
         for (size_t i = 0; i < count && status == PC_OK; ++i) {
             status = task(user, i, context);
         }

@@ -134,8 +134,6 @@ const pci_array_info pci_arrays[] = {
 
     ARRAY(GROUP(SIMULATE), "positions", F64, FRAMES, 3, motion.positions, FINITE,
           .columns = PCI_COUNT_MOTION_VERTICES),
-    ARRAY(GROUP(SIMULATE), "rehearsal", F64, FRAMES, 3, motion.rehearsal, FINITE,
-          .columns = PCI_COUNT_MOTION_VERTICES, OPTIONAL),
     ARRAY(GROUP(SIMULATE), "pinned", U8, MOTION_VERTICES, 1, motion.pinned,
           .values = PCI_VALUES_FLAG),
 

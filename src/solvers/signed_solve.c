@@ -283,7 +283,7 @@ static pc_status solve_components(solver *s, const pci_signed_graph *graph, cons
         --job.count;
     }
     if (status == PC_OK) {
-        status = pci_run_tasks(s->context, job.count, job.count, solve_nth, &job);
+        status = pci_run_tasks(s->context, job.count, solve_nth, &job);
     }
     if (status != PC_OK) {
         goto cleanup;

@@ -47,7 +47,6 @@ static bool unseen_motion(pc_context *context, pc_asset *asset, uint32_t wind, p
     }
     pc_simulate_options options = asset->options.simulate;
     options.seed = wind;
-    options.rehearse = false;
     const pc_simulate_inputs inputs = {&asset->proxy, &asset->scenario, &asset->visual,
                                        &asset->character};
     return pc_simulate_scenario(context, &inputs, &options, motion, NULL) == PC_OK;

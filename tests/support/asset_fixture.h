@@ -142,7 +142,6 @@ static inline void fixture_motion(pc_context *context, const pc_mesh *proxy, pc_
     motion->vertex_count = vertices;
     motion->frame_time = 1.0 / 30.0;
     motion->positions = PCI_ALLOCATE(context, double, FIXTURE_FRAMES *vertices * 3);
-    motion->rehearsal = PCI_ALLOCATE(context, double, FIXTURE_FRAMES *vertices * 3);
     motion->pinned = PCI_ALLOCATE(context, uint8_t, vertices);
     for (size_t v = 0; v < vertices; ++v) {
         const double *rest = &proxy->positions[3 * v];
@@ -153,9 +152,6 @@ static inline void fixture_motion(pc_context *context, const pc_mesh *proxy, pc_
             p[0] = rest[0] + swing * sin(3.0 * rest[1]);
             p[1] = rest[1] - 0.3 * swing * rest[0];
             p[2] = rest[2] + swing * cos(2.0 * rest[0] + rest[1]);
-            for (size_t c = 0; c < 3; ++c) {
-                motion->rehearsal[3 * (f * vertices + v) + c] = 2.0 * rest[c] - p[c];
-            }
         }
     }
 }

@@ -57,7 +57,6 @@ static inline bool unseen_wind_rigid(pc_context *context, const pc_asset *asset,
                                      double *closest_triangle) {
     pc_simulate_options simulate = asset->options.simulate;
     simulate.seed += 1000;
-    simulate.rehearse = false;
     pc_motion motion = {0};
     pc_skin closest = {0};
     pc_skin_losses losses = {0}, closest_losses = {0};

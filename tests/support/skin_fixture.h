@@ -149,7 +149,6 @@ static inline void make_motion(pc_context *context, const pc_mesh *proxy, uint32
     pc_record_set_defaults(&pc_simulate_options_record, &options);
     options.frames = frames;
     options.seed = seed;
-    options.rehearse = false;
     assert_ok(context, pc_simulate(context, proxy, &options, motion, NULL));
 }
 

@@ -183,7 +183,7 @@ static void tasks_run_once_each(void **state) {
         for (size_t count = 0; count <= 20; ++count) {
             notes = none;
             notes.failing = 20;
-            assert_ok(context, pci_run_tasks(context, count, count % 5, note_task, &notes));
+            assert_ok(context, pci_run_tasks(context, count, note_task, &notes));
             for (size_t i = 0; i < 2000; ++i) {
                 assert_int_equal(notes.marks[i / 100][i % 100], i / 100 < count ? 10 : 0);
             }
@@ -191,7 +191,7 @@ static void tasks_run_once_each(void **state) {
         // Later ones may fail first.
         notes = none;
         notes.failing = 7;
-        assert_int_equal(pci_run_tasks(context, 20, 0, note_task, &notes), PC_ERROR_NO_PROXY);
+        assert_int_equal(pci_run_tasks(context, 20, note_task, &notes), PC_ERROR_NO_PROXY);
         assert_string_equal(pc_context_error(context)->message, "task 7");
         pc_context_destroy(context);
     }
@@ -205,7 +205,7 @@ static void tasks_can_be_cancelled(void **state) {
         pc_context *context = NULL;
         static task_notes notes = {.waits = true, .failing = 20};
         assert_int_equal(pc_context_create(&options, &context), PC_OK);
-        assert_int_equal(pci_run_tasks(context, 20, 0, note_task, &notes), PC_ERROR_CANCELLED);
+        assert_int_equal(pci_run_tasks(context, 20, note_task, &notes), PC_ERROR_CANCELLED);
         assert_int_equal(calls, 1);
         assert_int_equal(pc_context_error(context)->status, PC_ERROR_CANCELLED);
         assert_int_equal(pci_fail_memory(context, "voxelize"), PC_ERROR_OUT_OF_MEMORY);

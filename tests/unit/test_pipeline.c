@@ -69,8 +69,6 @@ static uint64_t hash_asset(const pc_asset *a) {
     hash = hash_mesh(hash, &a->proxy);
     hash = hash_bytes(hash, a->motion.positions,
                       3 * a->motion.frame_count * a->motion.vertex_count * sizeof(double));
-    hash = hash_bytes(hash, a->motion.rehearsal,
-                      3 * a->motion.frame_count * a->motion.vertex_count * sizeof(double));
     hash = hash_bytes(hash, a->skin.bones,
                       a->skin.vertex_count * a->skin.influences * sizeof(uint32_t));
     return hash_bytes(hash, a->skin.weights,

@@ -231,7 +231,7 @@ static void motions_keep_to_one_hemisphere(void **state) {
             twist(count, tube.positions, 3.0, 4.0 * pi * (double)f / (FRAMES - 1),
                   &positions[3 * count * f]);
         }
-        const pc_motion motion = {FRAMES, count, positions, 0.02, pinned, NULL};
+        const pc_motion motion = {FRAMES, count, positions, 0.02, pinned};
         assert_ok(context, pc_rotation_estimate_motion(context, &tube, &motion, rotations));
         size_t negative = 0;
         for (size_t i = 4 * count; i < 4 * count * FRAMES; i += 4) {
@@ -264,7 +264,7 @@ static void errors_leave_nothing(void **state) {
     assert_int_equal(pc_rotation_estimator_create(context, &tube, NULL, NULL),
                      PC_ERROR_INVALID_ARGUMENT);
     double rotations[72];
-    const pc_motion other = {1, 3, tube.positions, 0.1, NULL, NULL};
+    const pc_motion other = {1, 3, tube.positions, 0.1, NULL};
     assert_int_equal(pc_rotation_estimate_motion(context, &tube, &other, rotations),
                      PC_ERROR_INVALID_ARGUMENT);
     assert_int_equal(pc_rotation_estimate_motion(context, &tube, NULL, rotations),

@@ -519,71 +519,6 @@ static void seeds_give_winds(void **state) {
     }
 }
 
-// Every other frame of what weights learn from is in the gusts that follow; the others are the
-// motion's own.
-static void rehearses_the_gusts_that_follow(void **state) {
-    (void)state;
-    enum { FRAMES = 7 };
-    pc_context *contexts[2] = {test_context(1), test_context(2)};
-    pc_context *context = contexts[0];
-    pc_mesh mesh = {0};
-    make_square(context, 6, &mesh);
-    const size_t size = 3 * mesh.vertex_count;
-    pc_simulate_options options = default_options();
-    options.frames = FRAMES;
-    pc_motion motions[2] = {{0}}, plain = {0}, calm = {0}, keyed = {0};
-    for (size_t i = 0; i < 2; ++i) {
-        assert_ok(contexts[i], pc_simulate(contexts[i], &mesh, &options, &motions[i], NULL));
-        assert_non_null(motions[i].rehearsal);
-    }
-    const double *rehearsal = motions[0].rehearsal;
-    assert_memory_equal(rehearsal, motions[1].rehearsal, FRAMES * size * sizeof(double));
-    // The same steps with the winds given one by one.
-    const pc_simulate_inputs inputs = {.proxy = &mesh};
-    pc_simulator *simulator = NULL;
-    assert_ok(context, pc_simulator_create(context, &inputs, &options, &simulator));
-    pci_wind wind = pci_wind_begin(options.seed, options.wind_speed);
-    double velocity[3];
-    for (size_t i = 0; i < (size_t)FRAMES * options.frame_steps; ++i) {
-        pci_wind_next(&wind, velocity);
-    }
-    for (size_t f = 0; f < FRAMES; ++f) {
-        for (size_t i = 0; i < options.frame_steps; ++i) {
-            pci_wind_next(&wind, velocity);
-            assert_int_equal(pc_simulator_step(simulator, velocity, NULL), PC_OK);
-        }
-        assert_memory_equal(&rehearsal[size * f],
-                            f % 2 == 0 ? &motions[0].positions[size * f]
-                                       : pc_simulator_positions(simulator),
-                            size * sizeof(double));
-    }
-    pc_simulator_destroy(simulator);
-
-    options.rehearse = false;
-    assert_ok(context, pc_simulate(context, &mesh, &options, &plain, NULL));
-    assert_null(plain.rehearsal);
-    assert_memory_equal(plain.positions, motions[0].positions, FRAMES * size * sizeof(double));
-    options.rehearse = true;
-    options.wind_speed = 0.0;
-    assert_ok(context, pc_simulate(context, &mesh, &options, &calm, NULL));
-    assert_null(calm.rehearsal);
-    options.wind_speed = 6.0;
-    pc_wind_key key = {.velocity = {1.0, 0.0, 0.0}};
-    const pc_scenario scenario = {.wind_count = 1, .winds = &key};
-    const pc_simulate_inputs given = {.proxy = &mesh, .scenario = &scenario};
-    assert_ok(context, pc_simulate_scenario(context, &given, &options, &keyed, NULL));
-    assert_null(keyed.rehearsal);
-
-    pc_motion_free(context, &keyed);
-    pc_motion_free(context, &calm);
-    pc_motion_free(context, &plain);
-    pc_mesh_free(context, &mesh);
-    for (size_t i = 0; i < 2; ++i) {
-        pc_motion_free(contexts[i], &motions[i]);
-        pc_context_destroy(contexts[i]);
-    }
-}
-
 static bool cancel_at_once(void *user, const char *stage, double fraction) {
     (void)user;
     (void)stage;
@@ -652,7 +587,6 @@ int main(void) {
         cmocka_unit_test(every_part_hangs),
         cmocka_unit_test(scale_and_axis_do_not_matter),
         cmocka_unit_test(seeds_give_winds),
-        cmocka_unit_test(rehearses_the_gusts_that_follow),
         cmocka_unit_test(errors_leave_nothing),
     };
     return cmocka_run_group_tests_name("simulate", tests, NULL, NULL);

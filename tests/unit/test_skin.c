@@ -211,39 +211,6 @@ static void threads_give_the_same_bytes(void **state) {
     }
 }
 
-// Where there is a rehearsal, weights are made for it and nothing else.
-static void weights_are_for_the_rehearsal(void **state) {
-    (void)state;
-    fixture f;
-    load_fixture("tiny", 1, &f);
-    pc_motion shown = {0}, other = {0};
-    make_motion(f.context, &f.proxy, 16, 1, &shown);
-    make_motion(f.context, &f.proxy, 16, 2, &other);
-    const pc_skin_options options = quick_options();
-    pc_skin skins[3] = {{0}};
-    const size_t size = 4 * f.visual.vertex_count * sizeof(double);
-    for (size_t i = 0; i < 3; ++i) {
-        pc_motion motion = i == 1 ? other : shown;
-        motion.rehearsal = i == 2 ? other.positions : NULL;
-        assert_ok(f.context, pc_skin_optimize(f.context, &f.visual, &f.proxy, &motion, &options,
-                                              &skins[i], NULL));
-    }
-    assert_memory_equal(skins[2].weights, skins[1].weights, size);
-    assert_memory_not_equal(skins[2].weights, skins[0].weights, size);
-    pc_motion bad = shown;
-    pc_skin none = {0};
-    bad.rehearsal = other.positions;
-    other.positions[7] = NAN;
-    assert_int_equal(pc_skin_optimize(f.context, &f.visual, &f.proxy, &bad, &options, &none, NULL),
-                     PC_ERROR_NUMERICAL);
-    for (size_t i = 0; i < 3; ++i) {
-        pc_skin_free(f.context, &skins[i]);
-    }
-    pc_motion_free(f.context, &shown);
-    pc_motion_free(f.context, &other);
-    free_fixture(&f);
-}
-
 // A rigid translation deforms nothing; the unit of the file changes no weight.
 static void translation_and_unit_do_not_matter(void **state) {
     (void)state;
@@ -647,7 +614,6 @@ int main(void) {
         cmocka_unit_test(many_influences_work),
         cmocka_unit_test(collisions_do_not_cost_the_shape),
         cmocka_unit_test(threads_give_the_same_bytes),
-        cmocka_unit_test(weights_are_for_the_rehearsal),
         cmocka_unit_test(translation_and_unit_do_not_matter),
         cmocka_unit_test(deforms_like_the_fixture),
         cmocka_unit_test(accepts_degenerate_input),

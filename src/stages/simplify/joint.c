@@ -40,7 +40,6 @@ static pc_status simulate(decimation *d) {
     pc_record_set_defaults(&pc_simulate_options_record, &options);
     options.frame_steps = options.frames * options.frame_steps / poses;
     options.frames = poses;
-    options.rehearse = false;
     options.seed = d->seed;
     const pc_mesh rest = {d->mesh->vertex_count, d->mesh->positions, d->mesh->triangle_count,
                           d->mesh->corners};

@@ -45,8 +45,6 @@ static const pc_field option_fields[] = {
                      "Coulomb's coefficient between cloth and colliders or cloth"),
     PCI_FIELD_OPTION(pc_simulate_options, self_contact, DOUBLE, 0.0, 0.0, 1.0, "edges",
                      "Distance that the cloth keeps from itself, in mean edge lengths, 0 for none"),
-    PCI_FIELD_OPTION(pc_simulate_options, rehearse, BOOL, 1, 0, 1, "",
-                     "Weights learn from as many random gusts again as the motion shows"),
     PCI_FIELD_CHOICE(pc_simulate_options, up_axis, 1, 2, up_axis_choices, "Axis that points up"),
     PCI_FIELD_OPTION(pc_simulate_options, seed, UINT, 1, 0, 4294967295, "",
                      "Seed of the random winds"),
@@ -497,27 +495,19 @@ static pc_status run_frames(pc_simulator *s, pc_motion *motion) {
     return PC_OK;
 }
 
-// A run from the start to the last frame.
-typedef struct run {
-    const pc_simulate_inputs *inputs;
-    const pc_simulate_options *options;
-    pc_motion *motion;
-    pc_simulate_report *report;
-} run;
-
-// `encore`: in the gusts that follow those of as many steps.
-static pc_status run_all(pc_context *context, const run *r, bool encore) {
+pc_status pc_simulate_scenario(pc_context *context, const pc_simulate_inputs *inputs,
+                               const pc_simulate_options *options, pc_motion *motion,
+                               pc_simulate_report *report) {
+    if (inputs == NULL || motion == NULL || motion->positions != NULL || motion->pinned != NULL) {
+        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
+                        "simulate: no inputs, or the output is not empty");
+    }
     pc_simulator *s = NULL;
-    pc_motion *motion = r->motion;
-    pc_status status = pc_simulator_create(context, r->inputs, r->options, &s);
+    pc_status status = pc_simulator_create(context, inputs, options, &s);
     if (status != PC_OK) {
         return status;
     }
-    const size_t nv = r->inputs->proxy->vertex_count, frames = s->options.frames;
-    for (size_t i = 0; i < frames * s->options.frame_steps && encore; ++i) {
-        double skipped[3];
-        pci_wind_next(&s->wind, skipped);
-    }
+    const size_t nv = inputs->proxy->vertex_count, frames = s->options.frames;
     motion->vertex_count = nv;
     motion->frame_count = frames;
     motion->frame_time = s->options.time_step * (double)s->options.frame_steps;
@@ -529,55 +519,15 @@ static pc_status run_all(pc_context *context, const run *r, bool encore) {
         memcpy(motion->pinned, s->pinned, nv);
         status = run_frames(s, motion);
     }
-    if (status == PC_OK && !encore &&
-        !measure_motion(&s->scratch, r->inputs->proxy, motion, s->springs, s->edge_count,
-                        s->diagonal, &s->report)) {
+    if (status == PC_OK && !measure_motion(&s->scratch, inputs->proxy, motion, s->springs,
+                                           s->edge_count, s->diagonal, &s->report)) {
         status = pci_fail_memory(context, stage);
     }
     if (status != PC_OK) {
         pc_motion_free(context, motion);
-    } else if (r->report != NULL) {
-        *r->report = s->report;
+    } else if (report != NULL) {
+        *report = s->report;
     }
     pc_simulator_destroy(s);
-    return status;
-}
-
-static pc_status run_one(void *user, size_t index, pc_context *own) {
-    const run *runs = user;
-    return run_all(own, &runs[index], index > 0);
-}
-
-pc_status pc_simulate_scenario(pc_context *context, const pc_simulate_inputs *inputs,
-                               const pc_simulate_options *options, pc_motion *motion,
-                               pc_simulate_report *report) {
-    if (inputs == NULL || motion == NULL || motion->positions != NULL || motion->pinned != NULL ||
-        motion->rehearsal != NULL) {
-        return pci_fail(context, PC_ERROR_INVALID_ARGUMENT, stage,
-                        "simulate: no inputs, or the output is not empty");
-    }
-    pc_simulate_options chosen;
-    pc_status status =
-        pci_begin_stage(context, stage, &pc_simulate_options_record, options, &chosen);
-    if (status != PC_OK) {
-        return status;
-    }
-    const bool random = inputs->scenario == NULL || inputs->scenario->wind_count == 0;
-    const bool rehearse = chosen.rehearse && random && chosen.wind_speed > 0.0;
-    pc_motion encore = {0};
-    run runs[2] = {{inputs, &chosen, motion, report}, {inputs, &chosen, &encore, NULL}};
-    status = pci_run_tasks(context, rehearse ? 2 : 1, SIZE_MAX, run_one, runs);
-    if (status != PC_OK) {
-        pc_motion_free(context, motion);
-    } else if (rehearse) {
-        const size_t size = 3 * motion->vertex_count;
-        for (size_t f = 0; f < motion->frame_count; f += 2) {
-            memcpy(&encore.positions[size * f], &motion->positions[size * f],
-                   size * sizeof(double));
-        }
-        motion->rehearsal = encore.positions;
-        encore.positions = NULL;
-    }
-    pc_motion_free(context, &encore);
     return status;
 }

@@ -126,8 +126,7 @@ static pc_status check_motion(pc_context *context, const pc_mesh *proxy, const p
     }
     const size_t per_frame = 3 * motion->vertex_count;
     for (size_t k = 0; k < per_frame * motion->frame_count; ++k) {
-        if (!isfinite(motion->positions[k]) ||
-            (motion->rehearsal != NULL && !isfinite(motion->rehearsal[k]))) {
+        if (!isfinite(motion->positions[k])) {
             return pci_fail(context, PC_ERROR_NUMERICAL, stage,
                             "skin: proxy vertex %zu is not finite in frame %zu", k % per_frame / 3,
                             k / per_frame);
@@ -288,10 +287,6 @@ pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface, const pc
                       .spatial_share = 1.0,
                       .follow_share = 1.0,
                       .stretch_share = 1.0};
-    pc_motion seen = *motion;
-    if (motion->rehearsal != NULL) {
-        seen.positions = motion->rehearsal;
-    }
     pc_mesh sorted = *surface;
     const uint32_t *rows = NULL;
     if (chosen.solver == PC_SKIN_ALTERNATE &&
@@ -299,7 +294,7 @@ pc_status pc_skin_optimize(pc_context *context, const pc_mesh *surface, const pc
         status = pci_fail_memory(context, stage);
     }
     if (status == PC_OK) {
-        status = prepare(&scratch, &sorted, proxy, &seen, &f);
+        status = prepare(&scratch, &sorted, proxy, motion, &f);
     }
     if (chosen.solver == PC_SKIN_ALTERNATE) { // what follows needs neither
         pci_scratch_release(&scratch, sorted.triangles);

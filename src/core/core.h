@@ -149,6 +149,14 @@ static inline void pci_cross(const double a[3], const double b[3], double out[3]
     const double z = a[0] * b[1] - a[1] * b[0];
     out[0] = x, out[1] = y, out[2] = z;
 }
+// The normal of a triangle, twice as long as its area is large.
+static inline void pci_normal_of(const double a[3], const double b[3], const double c[3],
+                                 double out[3]) {
+    double ab[3], ac[3];
+    pci_sub(b, a, ab);
+    pci_sub(c, a, ac);
+    pci_cross(ab, ac, out);
+}
 static inline double pci_norm(const double a[3]) { return sqrt(pci_dot(a, a)); }
 static inline double pci_squared_distance(const double a[3], const double b[3]) {
     const double x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2];

@@ -38,6 +38,10 @@ static inline uint32_t pci_origin(const pci_halfedge *mesh, uint32_t h) { return
 static inline uint32_t pci_target(const pci_halfedge *mesh, uint32_t h) {
     return mesh->corners[pci_next(h)];
 }
+static inline double pci_edge_length(const pci_halfedge *mesh, uint32_t h) {
+    return sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)pci_origin(mesh, h)],
+                                     &mesh->positions[3 * (size_t)pci_target(mesh, h)]));
+}
 static inline bool pci_is_border_vertex(const pci_halfedge *mesh, uint32_t v) {
     return mesh->twins[mesh->outgoing[v]] == PC_INVALID_INDEX;
 }

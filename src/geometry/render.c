@@ -37,10 +37,8 @@ typedef struct normal_job {
 
 static void compute_areas(const pc_mesh *mesh, double *areas, double *lengths) {
     for (size_t t = 0; t < mesh->triangle_count; ++t) {
-        double ab[3], ac[3];
-        pci_sub(corner_position(mesh, t, 1), corner_position(mesh, t, 0), ab);
-        pci_sub(corner_position(mesh, t, 2), corner_position(mesh, t, 0), ac);
-        pci_cross(ab, ac, &areas[3 * t]);
+        pci_normal_of(corner_position(mesh, t, 0), corner_position(mesh, t, 1),
+                      corner_position(mesh, t, 2), &areas[3 * t]);
         lengths[t] = pci_norm(&areas[3 * t]);
     }
 }

@@ -437,10 +437,8 @@ bool pci_mesh_compact(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *
 
 void pci_triangle_vector(const pc_mesh *mesh, size_t triangle, double out[3]) {
     const uint32_t *corner = &mesh->triangles[3 * triangle];
-    double ab[3], ac[3];
-    pci_sub(&mesh->positions[3 * (size_t)corner[1]], &mesh->positions[3 * (size_t)corner[0]], ab);
-    pci_sub(&mesh->positions[3 * (size_t)corner[2]], &mesh->positions[3 * (size_t)corner[0]], ac);
-    pci_cross(ab, ac, out);
+    pci_normal_of(&mesh->positions[3 * (size_t)corner[0]], &mesh->positions[3 * (size_t)corner[1]],
+                  &mesh->positions[3 * (size_t)corner[2]], out);
 }
 
 void pci_triangle_middle(const pc_mesh *mesh, size_t triangle, double out[3]) {

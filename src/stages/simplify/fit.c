@@ -215,12 +215,10 @@ static void add_face_pulls(fitting *f) {
     const pci_halfedge *coarse = f->relaxation->coarse;
     for (uint32_t t = 0; t < coarse->triangle_count; ++t) {
         const uint32_t *corner = &coarse->corners[3 * (size_t)t];
-        double ab[3], ac[3], normal[3];
-        pci_sub(&coarse->positions[3 * (size_t)corner[1]],
-                &coarse->positions[3 * (size_t)corner[0]], ab);
-        pci_sub(&coarse->positions[3 * (size_t)corner[2]],
-                &coarse->positions[3 * (size_t)corner[0]], ac);
-        pci_cross(ab, ac, normal);
+        double normal[3];
+        pci_normal_of(&coarse->positions[3 * (size_t)corner[0]],
+                      &coarse->positions[3 * (size_t)corner[1]],
+                      &coarse->positions[3 * (size_t)corner[2]], normal);
         const double area = 0.125 * pci_norm(normal); // a quarter of the triangle
         for (size_t i = 0; i < face_points; ++i) {
             const double *nearest = &f->faces[4 * (face_points * (size_t)t + i)];
@@ -245,10 +243,9 @@ static void fan_normal(const pci_halfedge *coarse, uint32_t v, double normal[3])
     memset(normal, 0, 3 * sizeof(*normal));
     PCI_FOR_OUTGOING(coarse, v, h) {
         const double *a = &coarse->positions[3 * (size_t)v];
-        double ab[3], ac[3], n[3];
-        pci_sub(&coarse->positions[3 * (size_t)pci_target(coarse, h)], a, ab);
-        pci_sub(&coarse->positions[3 * (size_t)coarse->corners[pci_previous(h)]], a, ac);
-        pci_cross(ab, ac, n);
+        double n[3];
+        pci_normal_of(a, &coarse->positions[3 * (size_t)pci_target(coarse, h)],
+                      &coarse->positions[3 * (size_t)coarse->corners[pci_previous(h)]], n);
         for (size_t k = 0; k < 3; ++k) {
             normal[k] += n[k];
         }
@@ -362,16 +359,6 @@ static void move_vertex(const fitting *f, uint32_t v, double spacing) {
     memcpy(at, start, sizeof(start));
 }
 
-// How far the middle of an edge between two vertices is from the fine surface.
-static double middle_distance(const pci_relaxation *r, uint32_t a, uint32_t b) {
-    double middle[3];
-    for (size_t k = 0; k < 3; ++k) {
-        middle[k] = 0.5 * (r->coarse->positions[3 * (size_t)a + k] +
-                           r->coarse->positions[3 * (size_t)b + k]);
-    }
-    return fmin(pci_relax_distance(r, a, middle, false), pci_relax_distance(r, b, middle, false));
-}
-
 // Flips an edge that bridges a fold if the other diagonal lies in it and leaves good angles.
 static void flip_into_fold(const pci_relaxation *r, uint32_t h, double spacing) {
     static const double bridging = 0.1, nearer = 0.7, kept_angle = 34.0;
@@ -380,10 +367,11 @@ static void flip_into_fold(const pci_relaxation *r, uint32_t h, double spacing) 
         return;
     }
     const uint32_t g = coarse->twins[h];
-    const double straying = middle_distance(r, pci_origin(coarse, h), pci_target(coarse, h));
+    const double straying =
+        pci_relax_straying(r, pci_origin(coarse, h), pci_target(coarse, h), false);
     if (straying < bridging * spacing ||
-        middle_distance(r, coarse->corners[pci_previous(h)], coarse->corners[pci_previous(g)]) >
-            nearer * straying ||
+        pci_relax_straying(r, coarse->corners[pci_previous(h)], coarse->corners[pci_previous(g)],
+                           false) > nearer * straying ||
         !pci_can_flip(coarse, h)) {
         return;
     }

@@ -16,23 +16,11 @@ static const double *point_of(const pci_relaxation *r, uint32_t v) {
     return &r->coarse->positions[3 * (size_t)v];
 }
 
-// Sum of the fine normals at the feet.
-static void facing_of(const pci_relaxation *r, uint32_t a, uint32_t b, uint32_t c,
-                      double facing[3]) {
-    for (size_t k = 0; k < 3; ++k) {
-        facing[k] = r->fine_normals[3 * (size_t)r->feet[a] + k] +
-                    r->fine_normals[3 * (size_t)r->feet[b] + k] +
-                    r->fine_normals[3 * (size_t)r->feet[c] + k];
-    }
-}
-
 // Cosine between a triangle and the fine surface at its corners.
 static double facing_cosine(const pci_relaxation *r, uint32_t a, uint32_t b, uint32_t c) {
-    double ab[3], ac[3], normal[3], facing[3];
-    pci_sub(point_of(r, b), point_of(r, a), ab);
-    pci_sub(point_of(r, c), point_of(r, a), ac);
-    pci_cross(ab, ac, normal);
-    facing_of(r, a, b, c, facing);
+    double normal[3], facing[3];
+    pci_normal_of(point_of(r, a), point_of(r, b), point_of(r, c), normal);
+    pci_relax_facing(r, a, b, c, facing);
     return pci_dot(normal, facing) / fmax(pci_norm(normal) * pci_norm(facing), 1e-300);
 }
 
@@ -93,24 +81,15 @@ static void put(pci_relaxation *r, uint32_t v, const place *p) {
     memcpy(&r->coarse->positions[3 * (size_t)v], p->point, sizeof(p->point));
 }
 
-// How far the middle of an edge is from the fine surface, or of a border edge from the fine border.
-static double edge_straying(const pci_relaxation *r, uint32_t a, uint32_t b, bool border) {
-    double middle[3];
-    for (size_t k = 0; k < 3; ++k) {
-        middle[k] = 0.5 * (point_of(r, a)[k] + point_of(r, b)[k]);
-    }
-    return fmin(pci_relax_distance(r, a, middle, border), pci_relax_distance(r, b, middle, border));
-}
-
 // The largest of the edges around v.
 static double straying(const pci_relaxation *r, uint32_t v) {
     const pci_halfedge *coarse = r->coarse;
     double most = 0.0;
     PCI_FOR_OUTGOING(coarse, v, h) {
         const uint32_t b = pci_target(coarse, h), c = coarse->corners[pci_previous(h)];
-        most = fmax(most, edge_straying(r, v, b, coarse->twins[h] == PC_INVALID_INDEX));
+        most = fmax(most, pci_relax_straying(r, v, b, coarse->twins[h] == PC_INVALID_INDEX));
         if (coarse->twins[pci_previous(h)] == PC_INVALID_INDEX) {
-            most = fmax(most, edge_straying(r, v, c, true));
+            most = fmax(most, pci_relax_straying(r, v, c, true));
         }
     }
     return most;
@@ -323,11 +302,6 @@ static uint32_t split(improvement *m, uint32_t h) {
 
 // ---- the search -------------------------------------------------------------------------------
 
-static double edge_length(const pci_relaxation *r, uint32_t h) {
-    return sqrt(pci_squared_distance(point_of(r, pci_origin(r->coarse, h)),
-                                     point_of(r, pci_target(r->coarse, h))));
-}
-
 static void settle(improvement *m, uint32_t v) {
     reposition(m, v);
     PCI_FOR_OUTGOING(m->r->coarse, v, h) { reposition(m, pci_target(m->r->coarse, h)); }
@@ -397,7 +371,7 @@ static bool balance(pci_scratch *scratch, improvement *m) {
         if (pci_is_edge(coarse, h)) {
             const double scale = 0.5 * (r->scales[r->feet[pci_origin(coarse, h)]] +
                                         r->scales[r->feet[pci_target(coarse, h)]]);
-            if (!pci_heap_push(scratch, &longest, -edge_length(r, h) * scale, h)) {
+            if (!pci_heap_push(scratch, &longest, -pci_edge_length(coarse, h) * scale, h)) {
                 return false;
             }
         }

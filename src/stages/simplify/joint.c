@@ -85,10 +85,9 @@ static void sum_planes(const pc_mesh *mesh, const pci_topology *topology, pci_qu
     for (size_t t = 0; t < mesh->triangle_count; ++t) {
         const uint32_t *corner = &mesh->triangles[3 * t];
         const double *p = &mesh->positions[3 * (size_t)corner[0]];
-        double ab[3], ac[3], normal[3];
-        pci_sub(&mesh->positions[3 * (size_t)corner[1]], p, ab);
-        pci_sub(&mesh->positions[3 * (size_t)corner[2]], p, ac);
-        pci_cross(ab, ac, normal);
+        double normal[3];
+        pci_normal_of(p, &mesh->positions[3 * (size_t)corner[1]],
+                      &mesh->positions[3 * (size_t)corner[2]], normal);
         const double doubled = pci_norm(normal);
         if (!pci_normalize(normal)) {
             continue;

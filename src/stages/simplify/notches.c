@@ -88,10 +88,8 @@ static double depth_of(const loop *l, const notch *n) {
 
 // Area vector of a triangle.
 static void add_area(const double *a, const double *b, const double *c, double sum[3]) {
-    double ab[3], ac[3], normal[3];
-    pci_sub(b, a, ab);
-    pci_sub(c, a, ac);
-    pci_cross(ab, ac, normal);
+    double normal[3];
+    pci_normal_of(a, b, c, normal);
     for (size_t k = 0; k < 3; ++k) {
         sum[k] += 0.5 * normal[k];
     }

@@ -23,14 +23,19 @@ static const double *coarse_point(const pci_relaxation *r, uint32_t v) {
     return &r->coarse->positions[3 * (size_t)v];
 }
 
-// Quality of the triangle of three coarse vertices, judged by the fine normals at their feet.
-static double corner_quality(const pci_relaxation *r, uint32_t a, uint32_t b, uint32_t c) {
-    double facing[3];
+void pci_relax_facing(const pci_relaxation *r, uint32_t a, uint32_t b, uint32_t c,
+                      double facing[3]) {
     for (size_t k = 0; k < 3; ++k) {
         facing[k] = r->fine_normals[3 * (size_t)r->feet[a] + k] +
                     r->fine_normals[3 * (size_t)r->feet[b] + k] +
                     r->fine_normals[3 * (size_t)r->feet[c] + k];
     }
+}
+
+// Quality of the triangle of three coarse vertices, judged by the fine normals at their feet.
+static double corner_quality(const pci_relaxation *r, uint32_t a, uint32_t b, uint32_t c) {
+    double facing[3];
+    pci_relax_facing(r, a, b, c, facing);
     return triangle_quality(coarse_point(r, a), coarse_point(r, b), coarse_point(r, c), facing);
 }
 
@@ -46,10 +51,8 @@ double pci_relax_quality(const pci_relaxation *r, uint32_t v) {
 double pci_least_angle(const double *a, const double *b, const double *c) {
     const double squares[3] = {pci_squared_distance(b, c), pci_squared_distance(c, a),
                                pci_squared_distance(a, b)};
-    double ab[3], ac[3], normal[3];
-    pci_sub(b, a, ab);
-    pci_sub(c, a, ac);
-    pci_cross(ab, ac, normal);
+    double normal[3];
+    pci_normal_of(a, b, c, normal);
     const double doubled = pci_norm(normal);
     const double shortest = fmin(fmin(squares[0], squares[1]), squares[2]);
     if (!(doubled > 0.0)) {
@@ -171,6 +174,14 @@ double pci_relax_distance(const pci_relaxation *r, uint32_t v, const double poin
     return sqrt(pci_squared_distance(nearest, point));
 }
 
+double pci_relax_straying(const pci_relaxation *r, uint32_t a, uint32_t b, bool border) {
+    double middle[3];
+    for (size_t k = 0; k < 3; ++k) {
+        middle[k] = 0.5 * (coarse_point(r, a)[k] + coarse_point(r, b)[k]);
+    }
+    return fmin(pci_relax_distance(r, a, middle, border), pci_relax_distance(r, b, middle, border));
+}
+
 void pci_relax_place(pci_relaxation *r) {
     for (uint32_t v = 0; v < r->coarse->vertex_count; ++v) {
         double target[3];
@@ -199,10 +210,8 @@ static bool even_place(const pci_relaxation *r, uint32_t v, double target[3]) {
     PCI_FOR_OUTGOING(coarse, v, h) {
         const double *a = coarse_point(r, v), *b = coarse_point(r, pci_target(coarse, h));
         const double *c = coarse_point(r, coarse->corners[pci_previous(h)]);
-        double ab[3], ac[3], normal[3];
-        pci_sub(b, a, ab);
-        pci_sub(c, a, ac);
-        pci_cross(ab, ac, normal);
+        double normal[3];
+        pci_normal_of(a, b, c, normal);
         // The density of a centroidal Voronoi diagram is the fourth power of the inverse size.
         const double size = (r->scales[r->feet[v]] + r->scales[r->feet[pci_target(coarse, h)]] +
                              r->scales[r->feet[coarse->corners[pci_previous(h)]]]) /
@@ -248,10 +257,7 @@ static bool slide(pci_relaxation *r, uint32_t v) {
 // ---- flipping ---------------------------------------------------------------------------------
 
 static void unit_normal(const double *a, const double *b, const double *c, double normal[3]) {
-    double ab[3], ac[3];
-    pci_sub(b, a, ab);
-    pci_sub(c, a, ac);
-    pci_cross(ab, ac, normal);
+    pci_normal_of(a, b, c, normal);
     pci_normalize(normal);
 }
 

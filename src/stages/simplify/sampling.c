@@ -24,13 +24,8 @@ typedef struct refinement {
     pci_heap longest;
 } refinement;
 
-static double edge_length(const pci_halfedge *mesh, uint32_t h) {
-    return sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)pci_origin(mesh, h)],
-                                     &mesh->positions[3 * (size_t)pci_target(mesh, h)]));
-}
-
 static double edge_key(const refinement *r, uint32_t h) {
-    const double length = edge_length(r->mesh, h);
+    const double length = pci_edge_length(r->mesh, h);
     return r->scales == NULL
                ? -length
                : -0.5 * length *
@@ -189,7 +184,7 @@ bool pci_sampling_begin(pci_scratch *scratch, const pc_mesh *layer, size_t verti
     }
     for (uint32_t h = 0; h < 3 * mesh.triangle_count; ++h) {
         if (s->mesh.twins[h] == PC_INVALID_INDEX) {
-            const double length = edge_length(&s->mesh, h);
+            const double length = pci_edge_length(&s->mesh, h);
             s->arcs[pci_origin(&s->mesh, h)] += 0.5 * length;
             s->arcs[pci_target(&s->mesh, h)] += 0.5 * length;
         }

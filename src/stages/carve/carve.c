@@ -10,6 +10,7 @@
 #include "stages/carve/coverage.h"
 #include "stages/carve/crumbs.h"
 #include "stages/carve/dents.h"
+#include "stages/carve/hollows.h"
 #include "stages/carve/lining.h"
 #include "stages/carve/loops.h"
 #include "stages/carve/outline.h"
@@ -71,6 +72,8 @@ static const double most_boundary = 1.5;
 static const size_t most_parts = 6;
 // Small parts farther than this from the others are loose parts of the garment, not crumbs.
 static const double loose_voxels = 2.0;
+// Pieces inside closed bodies are left out within so many voxels of what is seen of them.
+static const double hollow_voxels = 3.0;
 // Radius of the ball that tells rims from surfaces, in voxels: narrower than openings of note.
 static const double rim_radius = 0.5;
 static const double rim_spacing = 0.25; // in voxels
@@ -173,13 +176,17 @@ static pc_status extract(const carve_job *job, const pci_bvh *visual, const pci_
     if (keep == NULL || !pci_keep_dents(scratch, job->projected, rims, job->cell_size, keep)) {
         return pci_fail_memory(context, stage);
     }
+    pc_status status =
+        pci_leave_hollows(scratch, stage, job->projected, hollow_voxels * job->cell_size, keep);
     pci_repair_counts counts;
-    if (!pci_mesh_repair(scratch, job->projected, keep, layer, &counts)) {
-        return pci_fail_memory(context, stage);
+    if (status == PC_OK && !pci_mesh_repair(scratch, job->projected, keep, layer, &counts)) {
+        status = pci_fail_memory(context, stage);
     }
-    const pc_status status =
-        pci_drop_crumbs(scratch, stage, job->cloth, visual, job->options->smallest_part,
-                        loose_voxels * job->cell_size, layer, &report->dropped_parts);
+    if (status != PC_OK) {
+        return status;
+    }
+    status = pci_drop_crumbs(scratch, stage, job->cloth, visual, job->options->smallest_part,
+                             loose_voxels * job->cell_size, layer, &report->dropped_parts);
     if (status != PC_OK) {
         return status;
     }

@@ -7,8 +7,9 @@
 #include "solvers/roof_duality.h"
 #include "solvers/signed_search.h"
 
-enum { MAX_IDLE = 3 };
+enum { MAX_IDLE = 3, MAX_REPEATS = 8 };
 #define CONVERGED 1e-5 // relative error of the linear program
+#define FEW_NEW   0.02 // share of cycles that are new, below which steps are worth more than a search
 
 typedef struct bounding {
     pci_scratch *scratch;
@@ -75,6 +76,19 @@ static bool round_residuals(bounding *b, uint8_t *labels) {
     return pci_signed_search(b->scratch->context, b->graph, b->keys, 0, labels);
 }
 
+// Steps of the program; more where it is no longer new cycles that keep it from converging. Returns
+// its error.
+static double iterate(bounding *b, size_t added, uint64_t *work) {
+    pci_cycle_program *p = &b->program;
+    const bool few = (double)added < FEW_NEW * (double)p->cycle_count;
+    double error = INFINITY;
+    for (uint32_t k = 0; k < (few ? MAX_REPEATS : 1) && !(error < CONVERGED); ++k) {
+        error = pci_cycle_program_iterate(p);
+        *work += (p->entry_count + 4 * b->graph->edge_count) * PCI_PROGRAM_STEPS;
+    }
+    return error;
+}
+
 // One round of separation, steps of the program and rounding. `done`: bound and labels cannot be
 // improved here, or the rest is worth contracting.
 static bool run_round(bounding *b, uint32_t round, uint32_t *idle, uint8_t *labels, bool *done) {
@@ -85,8 +99,7 @@ static bool run_round(bounding *b, uint32_t round, uint32_t *idle, uint8_t *labe
     if (!pci_cycle_search_run(&b->search, labels, round, &added, &work)) {
         return false;
     }
-    const double error = pci_cycle_program_iterate(p);
-    work += (p->entry_count + 4 * graph->edge_count) * PCI_PROGRAM_STEPS;
+    const double error = iterate(b, added, &work);
     if (!pci_signed_search(b->scratch->context, graph, p->y, 0, labels)) {
         return false;
     }

@@ -291,7 +291,8 @@ static void take_average(pci_cycle_program *p) {
     }
 }
 
-// Balances primal and dual step lengths by how far both sides have moved.
+// Balances primal and dual step lengths by how far both sides have moved. Slowly: the sides take
+// turns in moving, and step lengths that follow them sway for many rounds.
 static void balance(pci_cycle_program *p) {
     const size_t m = p->graph->edge_count, n = p->graph->vertex_count;
     double primal = 0.0, dual = 0.0;
@@ -312,7 +313,8 @@ static void balance(pci_cycle_program *p) {
         begin = p->cycles[c].end;
     }
     if (primal > 1e-20 && dual > 1e-20) {
-        p->weight = (float)sqrt((double)p->weight * sqrt(dual / primal));
+        const double weight = (double)p->weight;
+        p->weight = (float)sqrt(weight * sqrt(weight * sqrt(dual / primal)));
     }
 }
 

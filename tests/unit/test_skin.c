@@ -155,7 +155,7 @@ static void collisions_do_not_cost_the_shape(void **state) {
     pc_skin_report report;
     for (options.solver = 0; options.solver <= PC_SKIN_ADAMW; ++options.solver) {
         pc_skin skin = {0}, free_skin = {0};
-        options.lambda_rigid = options.lambda_collision = 1.0;
+        options.lambda_rigid = 1.0;
         assert_ok(context, pc_skin_optimize(context, &surfaces, &proxies, &motion, &options, &skin,
                                             &report));
         assert_true(report.collision_before > 2.0 * report.rigid_before);

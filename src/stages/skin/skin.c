@@ -31,7 +31,7 @@ static const pc_field option_fields[] = {
                      "k_K: spatial neighbours of L_c and L_a"),
     PCI_FIELD_OPTION(pc_skin_options, lambda_rigid, DOUBLE, 2.0, 0.0, 1000000.0, "",
                      "Weight of L_r"),
-    PCI_FIELD_OPTION(pc_skin_options, lambda_collision, DOUBLE, 2.0, 0.0, 1000000.0, "",
+    PCI_FIELD_OPTION(pc_skin_options, lambda_collision, DOUBLE, 1.0, 0.0, 1000000.0, "",
                      "Weight of L_c"),
     PCI_FIELD_OPTION(pc_skin_options, lambda_attachment, DOUBLE, 0.1, 0.0, 1000000.0, "",
                      "Weight of L_a"),

@@ -84,6 +84,8 @@ void pci_scratch_end(pci_scratch *scratch);
 void pci_scratch_release(pci_scratch *scratch, void *memory);
 // Releases what was allocated since `blocks` was `mark`.
 void pci_scratch_rewind(pci_scratch *scratch, const struct pci_scratch_block *mark);
+// Hands over what was allocated in another one, of a task.
+void pci_scratch_take(pci_scratch *scratch, pci_scratch *from);
 // Zeroed; NULL on failure, which also sets `failed`.
 void *pci_scratch_allocate(pci_scratch *scratch, size_t count, size_t size);
 // The same, aligned to 64 bytes: a line of the cache, and the widest register.

@@ -64,6 +64,16 @@ void pci_scratch_rewind(pci_scratch *scratch, const struct pci_scratch_block *ma
     }
 }
 
+void pci_scratch_take(pci_scratch *scratch, pci_scratch *from) {
+    struct pci_scratch_block **end = &from->blocks;
+    while (*end != NULL) {
+        end = &(*end)->next;
+    }
+    *end = scratch->blocks;
+    scratch->blocks = from->blocks;
+    from->blocks = NULL;
+}
+
 void pci_scratch_release(pci_scratch *scratch, void *memory) {
     struct pci_scratch_block **at = &scratch->blocks;
     while (*at != NULL && (void *)(*at + 1) != memory) {

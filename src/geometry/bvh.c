@@ -16,6 +16,8 @@
 #define FEW_TRIANGLES 1000
 #define MOST_SHARED   65536
 
+enum { grain = 4096 };
+
 static struct RTCBuildPrimitive bound_triangle(const pci_bvh *bvh, size_t triangle) {
     const double *a = pci_bvh_corner(bvh->mesh, triangle, 0);
     const double *b = pci_bvh_corner(bvh->mesh, triangle, 1);
@@ -34,21 +36,20 @@ static struct RTCBuildPrimitive bound_triangle(const pci_bvh *bvh, size_t triang
 // False: a coordinate is not finite.
 static bool normalise_space(pci_bvh *bvh) {
     const pc_mesh *mesh = bvh->mesh;
-    double side = 0.0;
-    for (size_t k = 0; k < 3; ++k) {
-        bvh->minimum[k] = mesh->triangle_count > 0 ? HUGE_VAL : 0.0;
-        bvh->maximum[k] = -bvh->minimum[k];
-    }
+    const double most = mesh->triangle_count > 0 ? HUGE_VAL : 0.0;
+    double side = 0.0, low[3] = {most, most, most}, high[3] = {-most, -most, -most};
     for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
         const double *at = &mesh->positions[3 * (size_t)mesh->triangles[i]];
         for (size_t k = 0; k < 3; ++k) {
             if (!isfinite(at[k])) {
                 return false;
             }
-            bvh->minimum[k] = at[k] < bvh->minimum[k] ? at[k] : bvh->minimum[k];
-            bvh->maximum[k] = at[k] > bvh->maximum[k] ? at[k] : bvh->maximum[k];
+            low[k] = at[k] < low[k] ? at[k] : low[k];
+            high[k] = at[k] > high[k] ? at[k] : high[k];
         }
     }
+    memcpy(bvh->minimum, low, sizeof(low));
+    memcpy(bvh->maximum, high, sizeof(high));
     for (size_t k = 0; k < 3; ++k) {
         bvh->centre[k] = 0.5 * bvh->minimum[k] + 0.5 * bvh->maximum[k];
         side = fmax(side, bvh->maximum[k] - bvh->minimum[k]);
@@ -58,9 +59,10 @@ static bool normalise_space(pci_bvh *bvh) {
 }
 
 // In the order of the mesh: distances round differently in another one.
-static void find_corners(pci_bvh *bvh) {
-    bvh->tree.positions = bvh->mesh->positions;
-    for (size_t l = 0; l < bvh->tree.leaf_count; ++l) {
+static void find_corners_of(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    pci_bvh *bvh = user;
+    for (size_t l = begin; l < end; ++l) {
         pci_bvh_leaf *leaf = &bvh->tree.leaves[l];
         for (size_t i = 0; i < PCI_BVH_LEAF; ++i) {
             const bool real = leaf->triangles[i] != PC_INVALID_INDEX;
@@ -69,6 +71,24 @@ static void find_corners(pci_bvh *bvh) {
                 leaf->corners[c][i] = bvh->mesh->triangles[3 * (size_t)t + c];
             }
         }
+    }
+}
+
+static void find_corners(pc_context *context, pci_bvh *bvh) {
+    bvh->tree.positions = bvh->mesh->positions;
+    pci_parallel_for(context, bvh->tree.leaf_count, grain, find_corners_of, bvh);
+}
+
+typedef struct box_job {
+    const pci_bvh *bvh;
+    struct RTCBuildPrimitive *boxes;
+} box_job;
+
+static void bound_triangles(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const box_job *job = user;
+    for (size_t t = begin; t < end; ++t) {
+        job->boxes[t] = bound_triangle(job->bvh, t);
     }
 }
 
@@ -82,10 +102,14 @@ static pc_status grow(pc_context *context, const char *stage, pci_bvh *bvh) {
         pci_scratch_allocate_aligned(&scratch, triangle_count, sizeof(*boxes));
     pc_status status = PC_OK;
     if (!scratch.failed && pci_mark_duplicates(&scratch, bvh->mesh, repeated)) {
-        size_t count = 0;
-        for (size_t t = 0; t < triangle_count; ++t) {
-            if (!repeated[t]) {
-                boxes[count++] = bound_triangle(bvh, t);
+        size_t count = triangle_count;
+        box_job job = {bvh, boxes};
+        pci_parallel_for(context, triangle_count, grain, bound_triangles, &job);
+        if (memchr(repeated, 1, triangle_count) != NULL) {
+            count = 0;
+            for (size_t t = 0; t < triangle_count; ++t) {
+                boxes[count] = boxes[t];
+                count += !repeated[t];
             }
         }
         bvh->repeats = count < triangle_count;
@@ -97,7 +121,7 @@ static pc_status grow(pc_context *context, const char *stage, pci_bvh *bvh) {
     }
     pci_scratch_end(&scratch);
     if (status == PC_OK) {
-        find_corners(bvh);
+        find_corners(context, bvh);
     }
     return status;
 }
@@ -178,7 +202,7 @@ static pc_status copy_shared(pc_context *context, const char *stage, const pc_me
     if (leaf_count > 0) {
         memcpy(tree->leaves, shared->tree.leaves, leaf_count * sizeof(*tree->leaves));
     }
-    find_corners(copy);
+    find_corners(context, copy);
     *bvh = copy;
     return PC_OK;
 }
@@ -218,6 +242,7 @@ void pci_bvh_destroy(pc_context *context, pci_bvh *bvh) {
     if (bvh == NULL || bvh == context->shared_bvh) {
         return;
     }
+    bvh->memory.context = context; // it may come from a task, whose context is gone
     pci_scratch_end(&bvh->memory);
     pc_release(context, bvh);
 }

@@ -59,9 +59,12 @@ static void keep_outgoing(pci_halfedge *mesh, uint32_t h, bool border) {
 bool pci_halfedge_build(pci_scratch *scratch, const pc_mesh *mesh, pci_halfedge *result) {
     memset(result, 0, sizeof(*result));
     result->scratch = scratch;
+    if (!pci_halfedge_reserve(result, mesh->vertex_count, mesh->triangle_count)) {
+        return false;
+    }
+    const struct pci_scratch_block *mark = scratch->blocks;
     pci_topology topology;
-    if (!pci_halfedge_reserve(result, mesh->vertex_count, mesh->triangle_count) ||
-        !pci_topology_build_edges(scratch, mesh, &topology)) {
+    if (!pci_topology_build_edges(scratch, mesh, &topology)) {
         return false;
     }
     result->vertex_count = mesh->vertex_count;
@@ -83,6 +86,7 @@ bool pci_halfedge_build(pci_scratch *scratch, const pc_mesh *mesh, pci_halfedge 
             join(result, h, *other);
         }
     }
+    pci_scratch_rewind(scratch, mark);
     for (uint32_t h = 0; h < 3 * mesh->triangle_count; ++h) {
         if (result->outgoing[result->corners[h]] == PC_INVALID_INDEX) {
             set_outgoing(result, h);

@@ -2,7 +2,6 @@
 
 #include <stdlib.h>
 
-#include "core/sorting.h"
 #include "core/union_find.h"
 
 // Turns counts stored at [i + 1] into offsets.
@@ -24,8 +23,7 @@ static uint64_t make_entry(uint32_t second, size_t half) { return (uint64_t)seco
 static uint32_t entry_second(uint64_t entry) { return (uint32_t)(entry >> 32); }
 static uint32_t entry_half(uint64_t entry) { return (uint32_t)entry; }
 
-// Sorts a row, and returns how many edges it has.
-static size_t sort_row(uint64_t *row, size_t count) {
+static void sort_row(uint64_t *row, size_t count) {
     enum { most_inserted = 16 };
     if (count > most_inserted) {
         qsort(row, count, sizeof(*row), pci_compare_u64);
@@ -39,20 +37,54 @@ static size_t sort_row(uint64_t *row, size_t count) {
         }
         row[0] = entry;
     }
-    size_t edges = count > 0;
-    for (size_t i = 1; i < count; ++i) {
-        edges += entry_second(row[i]) != entry_second(row[i - 1]);
-    }
-    return edges;
 }
 
+// The rows of so many vertices are sorted at a time.
+enum { vertex_grain = 2048 };
+
+// Edges that begin at some vertices, and the entries in their lists of triangles.
+typedef struct edge_block {
+    size_t edges, triangles;
+} edge_block;
+
 // The half-edges with length in rows by their smaller vertex, ordered: row v is entries[offsets[v]
-// .. offsets[v + 1]). `entries` has room for all, `offsets` is #V + 2. False: cancelled while
-// `watched`.
-static bool sort_half_edges(pc_context *context, const pc_mesh *mesh, bool watched,
-                            uint64_t *entries, size_t *offsets, size_t *edge_count) {
-    const size_t nv = mesh->vertex_count;
-    size_t *next = offsets + 1;
+// .. offsets[v + 1]).
+typedef struct edge_rows {
+    const pc_mesh *mesh;
+    uint64_t *entries;
+    size_t *offsets; // #V + 2
+    edge_block *blocks;
+    pci_topology *topology;
+} edge_rows;
+
+// Whether an entry begins an edge, and whether it adds a triangle to it: a triangle with a repeated
+// vertex runs along its edge twice.
+static bool is_first(const edge_rows *r, size_t begin, size_t i) {
+    return i == begin || entry_second(r->entries[i]) != entry_second(r->entries[i - 1]);
+}
+static bool is_another(const edge_rows *r, size_t i) {
+    return entry_half(r->entries[i]) / 3 != entry_half(r->entries[i - 1]) / 3;
+}
+
+static void sort_rows(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    edge_rows *r = user;
+    edge_block count = {0, 0};
+    for (size_t v = begin; v < end; ++v) {
+        const size_t first = r->offsets[v], last = r->offsets[v + 1];
+        sort_row(&r->entries[first], last - first);
+        for (size_t i = first; i < last; ++i) {
+            const bool begins = is_first(r, first, i);
+            count.edges += begins;
+            count.triangles += begins || is_another(r, i);
+        }
+    }
+    r->blocks[begin / vertex_grain] = count;
+}
+
+static void list_half_edges(edge_rows *r) {
+    const pc_mesh *mesh = r->mesh;
+    size_t *next = r->offsets + 1;
     uint32_t ends[2];
     for (size_t t = 0; t < mesh->triangle_count; ++t) {
         for (size_t c = 0; c < 3; ++c) {
@@ -60,31 +92,54 @@ static bool sort_half_edges(pc_context *context, const pc_mesh *mesh, bool watch
             next[ends[0] + 1] += ends[0] != ends[1];
         }
     }
-    accumulate(next, nv);
-    if (watched && !pci_keep_going(context)) {
-        return false;
-    }
+    accumulate(next, mesh->vertex_count);
     for (size_t t = 0; t < mesh->triangle_count; ++t) {
         for (size_t c = 0; c < 3; ++c) {
             half_edge_ends(&mesh->triangles[3 * t], c, ends);
             if (ends[0] != ends[1]) {
-                entries[next[ends[0]]++] = make_entry(ends[1], 3 * t + c);
+                r->entries[next[ends[0]]++] = make_entry(ends[1], 3 * t + c);
             }
         }
     }
-    if (watched && !pci_keep_going(context)) {
-        return false;
-    }
-    *edge_count = 0;
-    for (size_t v = 0; v < nv; ++v) {
-        *edge_count += sort_row(&entries[offsets[v]], offsets[v + 1] - offsets[v]);
-    }
-    return !watched || pci_keep_going(context);
 }
 
 // Edges, edges of triangles and triangles of edges from the ordered half-edges.
-static bool build_edges(pci_scratch *scratch, const pc_mesh *mesh, const uint64_t *entries,
-                        const size_t *offsets, pci_topology *topology) {
+static void write_edges(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const edge_rows *r = user;
+    pci_topology *topology = r->topology;
+    size_t edge = r->blocks[begin / vertex_grain].edges;
+    size_t written = r->blocks[begin / vertex_grain].triangles;
+    for (size_t v = begin; v < end; ++v) {
+        for (size_t i = r->offsets[v]; i < r->offsets[v + 1]; ++i) {
+            const uint32_t half = entry_half(r->entries[i]);
+            const bool first = is_first(r, r->offsets[v], i);
+            if (first) {
+                topology->edges[2 * edge] = (uint32_t)v;
+                topology->edges[2 * edge++ + 1] = entry_second(r->entries[i]);
+            }
+            topology->triangle_edges[half] = (uint32_t)(edge - 1);
+            if (first || is_another(r, i)) {
+                topology->edge_triangles[written++] = half / 3;
+            }
+            topology->edge_triangle_offsets[edge] = written;
+        }
+    }
+}
+
+// Turns the numbers of blocks into what lies before them; returns the number of edges.
+static size_t add_up(edge_block *blocks, size_t count) {
+    edge_block before = {0, 0};
+    for (size_t i = 0; i < count; ++i) {
+        const edge_block own = blocks[i];
+        blocks[i] = before;
+        before.edges += own.edges;
+        before.triangles += own.triangles;
+    }
+    return before.edges;
+}
+
+static bool allocate_edges(pci_scratch *scratch, const pc_mesh *mesh, pci_topology *topology) {
     const size_t half_count = 3 * mesh->triangle_count;
     topology->triangle_edges = PCI_SCRATCH(scratch, uint32_t, half_count);
     topology->edge_triangles = PCI_SCRATCH(scratch, uint32_t, half_count);
@@ -94,24 +149,6 @@ static bool build_edges(pci_scratch *scratch, const pc_mesh *mesh, const uint64_
         return false;
     }
     memset(topology->triangle_edges, 0xff, half_count * sizeof(uint32_t));
-    size_t edge = 0, written = 0;
-    for (size_t v = 0; v < mesh->vertex_count; ++v) {
-        for (size_t i = offsets[v]; i < offsets[v + 1]; ++i) {
-            const uint32_t half = entry_half(entries[i]), second = entry_second(entries[i]);
-            const uint32_t t = half / 3;
-            const bool first = i == offsets[v] || second != entry_second(entries[i - 1]);
-            if (first) {
-                topology->edges[2 * edge] = (uint32_t)v;
-                topology->edges[2 * edge++ + 1] = second;
-            }
-            topology->triangle_edges[half] = (uint32_t)(edge - 1);
-            // A triangle with a repeated vertex runs along its edge twice.
-            if (first || topology->edge_triangles[written - 1] != t) {
-                topology->edge_triangles[written++] = t;
-            }
-            topology->edge_triangle_offsets[edge] = written;
-        }
-    }
     return true;
 }
 
@@ -169,14 +206,26 @@ static bool build_rings(pci_scratch *scratch, size_t vertex_count, pci_topology 
 static bool build(pci_scratch *scratch, const pc_mesh *mesh, bool watched, pci_topology *topology) {
     pc_context *context = scratch->context;
     pci_scratch temporary = pci_scratch_begin(context);
+    const size_t blocks = (mesh->vertex_count + vertex_grain - 1) / vertex_grain;
+    edge_rows rows = {.mesh = mesh, .topology = topology};
     memset(topology, 0, sizeof(*topology));
-    uint64_t *entries = PCI_SCRATCH(&temporary, uint64_t, 3 * mesh->triangle_count);
-    size_t *offsets = PCI_SCRATCH(&temporary, size_t, mesh->vertex_count + 2);
-    const bool good =
-        !temporary.failed &&
-        sort_half_edges(context, mesh, watched, entries, offsets, &topology->edge_count) &&
-        build_edges(scratch, mesh, entries, offsets, topology) &&
-        (!watched || pci_keep_going(context));
+    rows.entries = PCI_SCRATCH(&temporary, uint64_t, 3 * mesh->triangle_count);
+    rows.offsets = PCI_SCRATCH(&temporary, size_t, mesh->vertex_count + 2);
+    rows.blocks = PCI_SCRATCH(&temporary, edge_block, blocks);
+    bool good = !temporary.failed;
+    if (good) {
+        list_half_edges(&rows);
+        good = !watched || pci_keep_going(context);
+    }
+    if (good) {
+        pci_parallel_for(context, mesh->vertex_count, vertex_grain, sort_rows, &rows);
+        topology->edge_count = add_up(rows.blocks, blocks);
+        good = allocate_edges(scratch, mesh, topology) && (!watched || pci_keep_going(context));
+    }
+    if (good) {
+        pci_parallel_for(context, mesh->vertex_count, vertex_grain, write_edges, &rows);
+        good = !watched || pci_keep_going(context);
+    }
     scratch->failed |= temporary.failed;
     pci_scratch_end(&temporary);
     return good;
@@ -550,41 +599,58 @@ double pci_diagonal(const pc_mesh *mesh) {
     return sqrt(pci_squared_distance(minimum, maximum));
 }
 
-typedef struct triple {
-    uint32_t vertices[3]; // ascending
-    uint32_t triangle;
-} triple;
+// The larger two vertices of a triangle, in the row of its smallest one.
+typedef struct pair {
+    uint64_t vertices;
+    size_t triangle;
+} pair;
 
-static int compare_triples(const void *left, const void *right) {
-    const triple *a = left, *b = right;
-    for (size_t k = 0; k < 3; ++k) {
-        if (a->vertices[k] != b->vertices[k]) {
-            return a->vertices[k] < b->vertices[k] ? -1 : 1;
+static int compare_pairs(const void *left, const void *right) {
+    const pair *a = left, *b = right;
+    return a->vertices != b->vertices ? (a->vertices > b->vertices) - (a->vertices < b->vertices)
+                                      : (a->triangle > b->triangle) - (a->triangle < b->triangle);
+}
+
+// Triangles come in order. Most rows have two.
+static void mark_row(pair *row, size_t count, uint8_t *duplicate) {
+    enum { most_compared = 8 };
+    if (count > most_compared) {
+        qsort(row, count, sizeof(*row), compare_pairs);
+    }
+    for (size_t i = 1; i < count; ++i) {
+        for (size_t j = count > most_compared ? i - 1 : 0; j < i; ++j) {
+            duplicate[row[i].triangle] |= row[j].vertices == row[i].vertices;
         }
     }
-    return (a->triangle > b->triangle) - (a->triangle < b->triangle);
+}
+
+static uint32_t smallest_vertex(const uint32_t *v) {
+    const uint32_t low = v[0] < v[1] ? v[0] : v[1];
+    return v[2] < low ? v[2] : low;
 }
 
 bool pci_mark_duplicates(pci_scratch *scratch, const pc_mesh *mesh, uint8_t *duplicate) {
-    triple *triples = PCI_SCRATCH(scratch, triple, mesh->triangle_count);
-    if (triples == NULL) {
-        return false;
+    const size_t nv = mesh->vertex_count, nf = mesh->triangle_count;
+    pci_scratch local = pci_scratch_begin(scratch->context);
+    size_t *offsets = PCI_SCRATCH(&local, size_t, nv + 2), *next = offsets + 1;
+    pair *pairs = PCI_SCRATCH(&local, pair, nf);
+    const bool done = !local.failed;
+    for (size_t t = 0; t < nf && done; ++t) {
+        ++next[smallest_vertex(&mesh->triangles[3 * t]) + 1];
     }
-    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+    for (size_t v = 0; v < nv && done; ++v) {
+        next[v + 1] += next[v];
+    }
+    for (size_t t = 0; t < nf && done; ++t) {
         const uint32_t *v = &mesh->triangles[3 * t];
-        const uint32_t low = v[0] < v[1] ? v[0] : v[1], high = v[0] < v[1] ? v[1] : v[0];
-        triples[t].vertices[0] = low < v[2] ? low : v[2];
-        triples[t].vertices[1] = v[2] < low ? low : v[2] < high ? v[2] : high;
-        triples[t].vertices[2] = high > v[2] ? high : v[2];
-        triples[t].triangle = (uint32_t)t;
+        const uint32_t high = v[0] < v[1] ? v[1] : v[0], highest = high > v[2] ? high : v[2];
+        const uint32_t low = smallest_vertex(v), middle = v[0] ^ v[1] ^ v[2] ^ low ^ highest;
+        pairs[next[low]++] = (pair){(uint64_t)middle << 32 | highest, t};
     }
-    if (!pci_sort_by_number(scratch->context, triples, mesh->triangle_count, sizeof(*triples),
-                            mesh->vertex_count, compare_triples)) {
-        return false;
+    for (size_t v = 0; v < nv && done; ++v) {
+        mark_row(&pairs[offsets[v]], offsets[v + 1] - offsets[v], duplicate);
     }
-    for (size_t i = 1; i < mesh->triangle_count; ++i) {
-        duplicate[triples[i].triangle] =
-            memcmp(triples[i].vertices, triples[i - 1].vertices, sizeof(triples[i].vertices)) == 0;
-    }
-    return true;
+    scratch->failed = scratch->failed || !done;
+    pci_scratch_end(&local);
+    return done;
 }

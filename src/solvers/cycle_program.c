@@ -6,8 +6,8 @@
 
 static bool create_arrays(pci_scratch *scratch, pci_cycle_program *p) {
     const size_t m = p->graph->edge_count, n = p->graph->vertex_count;
-    float **by_edge[] = {&p->costs,   &p->y,    &p->y_bar,  &p->y_sum,
-                         &p->y_start, &p->load, &p->y_rates};
+    float **by_edge[] = {&p->costs, &p->signs,   &p->y,    &p->y_bar,
+                         &p->y_sum, &p->y_start, &p->load, &p->y_rates};
     for (size_t k = 0; k < sizeof(by_edge) / sizeof(by_edge[0]); ++k) {
         *by_edge[k] = PCI_SCRATCH(scratch, float, m);
     }
@@ -18,8 +18,10 @@ static bool create_arrays(pci_scratch *scratch, pci_cycle_program *p) {
     p->z = PCI_SCRATCH(scratch, pci_flow, m);
     p->z_sum = PCI_SCRATCH(scratch, pci_flow, m);
     p->z_start = PCI_SCRATCH(scratch, pci_flow, m);
+    p->heads = PCI_SCRATCH(scratch, uint32_t, m);
     p->degrees = PCI_SCRATCH(scratch, uint32_t, m);
     p->valences = PCI_SCRATCH(scratch, uint32_t, n);
+    p->later = PCI_SCRATCH(scratch, uint32_t, n);
     return !scratch->failed;
 }
 
@@ -34,6 +36,7 @@ bool pci_cycle_program_create(pci_scratch *scratch, const pci_signed_graph *grap
     for (size_t e = 0; e < m; ++e) {
         mean += (double)graph->edges[e].cost / (double)m;
         ++p->valences[graph->edges[e].a];
+        ++p->later[graph->edges[e].a];
         ++p->valences[graph->edges[e].b];
     }
     p->has_flow = p->valences[PCI_GROUND] > 1;
@@ -41,6 +44,8 @@ bool pci_cycle_program_create(pci_scratch *scratch, const pci_signed_graph *grap
     p->scale = m != 0 ? 1.0 / mean : 1.0;
     for (size_t e = 0; e < m; ++e) {
         p->costs[e] = (float)((double)graph->edges[e].cost * p->scale);
+        p->signs[e] = graph->edges[e].opposite ? -1.0F : 1.0F;
+        p->heads[e] = graph->edges[e].b;
     }
     return true;
 }
@@ -146,11 +151,12 @@ static void step_flow(pci_cycle_program *p) {
     for (size_t e = 0; e < graph->edge_count;) {
         // The edges from one vertex to later ones; those to earlier ones have been.
         const uint32_t a = graph->edges[e].a;
+        const size_t end = e + p->later[a];
         const float u = p->u_bar[a];
         float excess = p->excess[a];
-        for (; e < graph->edge_count && graph->edges[e].a == a; ++e) {
-            const uint32_t b = graph->edges[e].b;
-            const float sign = graph->edges[e].opposite ? -1.0F : 1.0F;
+        for (; e < end; ++e) {
+            const uint32_t b = p->heads[e];
+            const float sign = p->signs[e];
             const float rise = u - sign * p->u_bar[b];
             const pci_flow z = {positive(p->z[e].forward + rate * (rise - p->y_bar[e])),
                                 positive(p->z[e].backward + rate * (-rise - p->y_bar[e]))};

@@ -24,8 +24,9 @@ typedef struct pci_flow {
 typedef struct pci_cycle_program {
     pci_scratch *scratch;
     const pci_signed_graph *graph;
-    double scale; // cost = integer cost * scale, 1 on average
-    float *costs; // all by edge
+    double scale;         // cost = integer cost * scale, 1 on average
+    float *costs, *signs; // all by edge; -1: the wish is different labels
+    uint32_t *heads;      // the later vertex
     float *y, *y_bar, *y_sum, *y_start;
     pci_flow *z, *z_sum, *z_start;
     float *load, *y_rates;              // step lengths
@@ -33,7 +34,7 @@ typedef struct pci_cycle_program {
     bool has_flow;                      // at least two edges at the ground
     float *u, *u_bar, *u_sum, *u_start; // all by vertex
     float *excess, *u_rates;            // what the flow takes out of a vertex; step lengths
-    uint32_t *valences;
+    uint32_t *valences, *later;         // edges at a vertex, and to later ones
     size_t cycle_count, cycle_capacity;
     pci_cycle *cycles;
     size_t entry_count, entry_capacity;

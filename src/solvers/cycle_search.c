@@ -114,7 +114,16 @@ bool pci_cycle_search_create(pci_scratch *scratch, pci_cycle_program *program,
             s->searchers[k].heaps[side].items = PCI_SCRATCH(scratch, heap_item, 2 * m + 1);
         }
     }
-    return !scratch->failed && pci_signed_graph_rows(scratch, graph, &s->rows);
+    s->others = PCI_SCRATCH(scratch, uint32_t, 2 * m);
+    if (scratch->failed || !pci_signed_graph_rows(scratch, graph, &s->rows)) {
+        return false;
+    }
+    for (uint32_t v = 0; v < n; ++v) {
+        for (size_t k = s->rows.offsets[v]; k < s->rows.offsets[v + 1]; ++k) {
+            s->others[k] = pci_signed_other(&graph->edges[s->rows.edges[k]], v);
+        }
+    }
+    return true;
 }
 
 static void grow_cluster(pci_cycle_search *s, uint32_t root, float limit) {
@@ -131,7 +140,7 @@ static void grow_cluster(pci_cycle_search *s, uint32_t root, float limit) {
         const uint32_t v = s->queue[head++];
         for (size_t k = s->rows.offsets[v]; k < s->rows.offsets[v + 1]; ++k) {
             const uint32_t e = s->rows.edges[k];
-            const uint32_t w = pci_signed_other(&graph->edges[e], v);
+            const uint32_t w = s->others[k];
             if (y[e] <= limit && w != PCI_GROUND && s->clusters[w] == PC_INVALID_INDEX) {
                 s->clusters[w] = cluster;
                 s->parents[w] = e;
@@ -326,7 +335,7 @@ static uint32_t step_path(const pci_cycle_search *s, searcher *x, size_t k, floa
         if (!(distance < *best)) {
             continue;
         }
-        const uint32_t w = pci_signed_other(&s->program->graph->edges[e], v);
+        const uint32_t w = s->others[r];
         node *mine = &x->nodes[k][w];
         const node *other = &x->nodes[1 - k][w];
         const bool joins = other->time == x->time && other->distance + distance < *best;

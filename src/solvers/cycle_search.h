@@ -8,6 +8,7 @@
 typedef struct pci_cycle_search {
     pci_cycle_program *program;
     pci_signed_rows rows;
+    uint32_t *others; // beside `rows.edges`: their other ends
     // Clusters of vertices, each with a tree.
     uint32_t cluster_count;
     uint32_t *clusters; // all by vertex

@@ -115,6 +115,37 @@ static void single_pieces_of_scratch_memory_are_released(void **state) {
     pc_context_destroy(context);
 }
 
+// Back to a mark, and from the memory of a task into another one.
+static void scratch_memory_is_rewound_and_handed_over(void **state) {
+    (void)state;
+    int count = 0;
+    const pc_context_options options = {.threads = 1,
+                                        .allocator = {allocate_counted, release_counted, &count}};
+    pc_context *context = NULL;
+    assert_int_equal(pc_context_create(&options, &context), PC_OK);
+    const int before = count;
+    pci_scratch scratch = pci_scratch_begin(context), other = pci_scratch_begin(context);
+    uint32_t *kept = PCI_SCRATCH(&scratch, uint32_t, 10);
+    kept[9] = 7;
+    const struct pci_scratch_block *mark = scratch.blocks;
+    for (size_t i = 0; i < 3; ++i) {
+        assert_non_null(PCI_SCRATCH(&scratch, uint32_t, 10));
+    }
+    assert_int_equal(count, before + 4);
+    pci_scratch_rewind(&scratch, mark);
+    assert_int_equal(count, before + 1);
+    for (size_t i = 0; i < 2; ++i) {
+        assert_non_null(PCI_SCRATCH(&other, uint32_t, 10));
+    }
+    pci_scratch_take(&scratch, &other);
+    pci_scratch_end(&other);
+    assert_int_equal(count, before + 3);
+    assert_int_equal(kept[9], 7);
+    pci_scratch_end(&scratch);
+    assert_int_equal(count, before);
+    pc_context_destroy(context);
+}
+
 static void sleep_a_millisecond(void *user, size_t begin, size_t end, uint32_t worker) {
     ((uint8_t *)user)[begin] = 1;
     const struct timespec duration = {.tv_nsec = 1000000};
@@ -351,6 +382,7 @@ int main(void) {
         cmocka_unit_test(pieces_wait_for_earlier_ones),
         cmocka_unit_test(scratch_memory_is_aligned_and_bounded),
         cmocka_unit_test(single_pieces_of_scratch_memory_are_released),
+        cmocka_unit_test(scratch_memory_is_rewound_and_handed_over),
         cmocka_unit_test(long_loops_can_be_cancelled),
         cmocka_unit_test(tasks_run_once_each),
         cmocka_unit_test(tasks_can_be_cancelled),

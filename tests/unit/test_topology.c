@@ -542,6 +542,93 @@ static void lack_of_memory_is_reported(void **state) {
     pc_context_destroy(context);
 }
 
+// So many copies beside each other have the tables of one, shifted: with any number of threads.
+static void tables_of_large_meshes_are_right(void **state) {
+    (void)state;
+    enum { copies = 200, vertices = 30, triangles = 60 };
+    for (uint32_t threads = 1; threads <= 2; ++threads) {
+        pc_context *context = test_context(threads);
+        pc_mesh one = random_triangles(context, vertices, triangles, 5);
+        pc_mesh all = random_triangles(context, copies * vertices, copies * triangles, 5);
+        for (size_t i = 0; i < 3 * all.triangle_count; ++i) {
+            const size_t copy = i / (3 * one.triangle_count);
+            all.triangles[i] =
+                one.triangles[i % (3 * one.triangle_count)] + (uint32_t)(copy * vertices);
+        }
+        pci_scratch scratch = pci_scratch_begin(context);
+        pci_topology small, large;
+        assert_true(pci_topology_build(&scratch, &one, &small));
+        assert_true(pci_topology_build(&scratch, &all, &large));
+        const size_t edges = small.edge_count, sides = small.edge_triangle_offsets[edges];
+        assert_int_equal(large.edge_count, copies * edges);
+        for (size_t e = 0; e <= large.edge_count; ++e) {
+            const size_t copy = e / edges;
+            assert_int_equal(large.edge_triangle_offsets[e],
+                             copy * sides + small.edge_triangle_offsets[e % edges]);
+        }
+        for (size_t i = 0; i < 2 * large.edge_count; ++i) {
+            const size_t copy = i / (2 * edges);
+            assert_int_equal(large.edges[i], copy * vertices + small.edges[i % (2 * edges)]);
+        }
+        for (size_t i = 0; i < copies * sides; ++i) {
+            const size_t copy = i / sides;
+            assert_int_equal(large.edge_triangles[i],
+                             copy * triangles + small.edge_triangles[i % sides]);
+        }
+        for (size_t i = 0; i < 3 * all.triangle_count; ++i) {
+            const uint32_t edge = small.triangle_edges[i % (3 * triangles)];
+            const size_t copy = i / (3 * triangles);
+            assert_int_equal(large.triangle_edges[i],
+                             edge == PC_INVALID_INDEX ? edge : copy * edges + edge);
+        }
+        pci_scratch_end(&scratch);
+        pc_mesh_free(context, &one);
+        pc_mesh_free(context, &all);
+        pc_context_destroy(context);
+    }
+}
+
+static bool same_corners(const pc_mesh *mesh, size_t s, size_t t) {
+    uint32_t found = 0;
+    for (size_t i = 0; i < 9; ++i) { // each corner of one with each of the other
+        found += mesh->triangles[3 * s + i / 3] == mesh->triangles[3 * t + i % 3];
+    }
+    return found == 3;
+}
+
+// Few and many triangles at a vertex.
+static void duplicates_are_those_of_all_pairs(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    static const size_t sizes[] = {4, 12, 25};
+    for (size_t k = 0; k < 3; ++k) {
+        pc_mesh mesh = random_triangles(context, sizes[k], 300, 17 + k);
+        for (size_t t = 0; t < mesh.triangle_count; ++t) { // proper ones
+            uint32_t *v = &mesh.triangles[3 * t];
+            v[1] = v[1] == v[0] ? (v[0] + 1) % (uint32_t)sizes[k] : v[1];
+            while (v[2] == v[0] || v[2] == v[1]) {
+                v[2] = (v[2] + 1) % (uint32_t)sizes[k];
+            }
+        }
+        uint8_t duplicate[300] = {0};
+        size_t count = 0;
+        pci_scratch scratch = pci_scratch_begin(context);
+        assert_true(pci_mark_duplicates(&scratch, &mesh, duplicate));
+        for (size_t t = 0; t < mesh.triangle_count; ++t) {
+            bool repeats = false;
+            for (size_t s = 0; s < t; ++s) {
+                repeats = repeats || same_corners(&mesh, s, t);
+            }
+            assert_int_equal(duplicate[t], repeats);
+            count += repeats;
+        }
+        assert_true(count > 0);
+        pci_scratch_end(&scratch);
+        pc_mesh_free(context, &mesh);
+    }
+    pc_context_destroy(context);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(tables_equal_brute_force),
@@ -555,6 +642,8 @@ int main(void) {
         cmocka_unit_test(areas_normals_and_boxes_are_right),
         cmocka_unit_test(sorting_follows_space),
         cmocka_unit_test(lack_of_memory_is_reported),
+        cmocka_unit_test(tables_of_large_meshes_are_right),
+        cmocka_unit_test(duplicates_are_those_of_all_pairs),
     };
     return cmocka_run_group_tests_name("topology", tests, NULL, NULL);
 }

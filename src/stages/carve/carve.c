@@ -102,27 +102,19 @@ typedef struct carve_job {
     const pc_carve_options *options;
 } carve_job;
 
-// Counts, and the length of the boundary.
-static pc_status measure_shape(pci_scratch *scratch, const pc_mesh *mesh, pc_carve_report *report,
-                               double *boundary) {
-    pci_shape shape;
-    if (!pci_find_shape(scratch, mesh, &shape)) {
-        return pci_fail_memory(scratch->context, stage);
-    }
-    report->vertices = mesh->vertex_count;
-    report->triangles = mesh->triangle_count;
-    report->boundary_loops = shape.boundary_loops;
-    report->components = shape.components;
-    *boundary = shape.boundary_length;
-    return PC_OK;
+static pc_status find_shape(pci_scratch *scratch, const pc_mesh *mesh, pci_shape *shape) {
+    return pci_find_shape(scratch, mesh, shape) ? PC_OK : pci_fail_memory(scratch->context, stage);
 }
 
-static pc_status measure(const carve_job *job, const pc_mesh *mesh, pc_carve_report *report) {
-    double boundary = 0.0;
-    const pc_status status = measure_shape(job->scratch, mesh, report, &boundary);
-    return status == PC_OK ? pci_measure_coverage(job->scratch, stage, job->surface, mesh,
-                                                  job->cell_size, &report->coverage)
-                           : status;
+// What is reported of the layer.
+static pc_status measure(const carve_job *job, const pc_mesh *mesh, const pci_shape *shape,
+                         pc_carve_report *report) {
+    report->vertices = mesh->vertex_count;
+    report->triangles = mesh->triangle_count;
+    report->boundary_loops = shape->boundary_loops;
+    report->components = shape->components;
+    return pci_measure_coverage(job->scratch, stage, job->surface, mesh, job->cell_size,
+                                &report->coverage);
 }
 
 // ---- entry ------------------------------------------------------------------------------------
@@ -168,8 +160,9 @@ static uint8_t *kept_triangles(const carve_job *job) {
 }
 
 // The triangles whose labels say so, as a manifold without small parts and short holes.
-static pc_status extract(const carve_job *job, const pci_bvh *visual, const pci_knn *rims,
-                         pc_mesh *layer, pc_carve_report *report) {
+// @param projected  tree of that mesh, or NULL
+static pc_status extract(const carve_job *job, const pci_bvh *visual, const pci_bvh *projected,
+                         const pci_knn *rims, pc_mesh *layer, pc_carve_report *report) {
     pci_scratch *scratch = job->scratch;
     pc_context *context = scratch->context;
     uint8_t *keep = kept_triangles(job);
@@ -196,8 +189,10 @@ static pc_status extract(const carve_job *job, const pci_bvh *visual, const pci_
     if (!pci_progress(context, stage, 0.3)) {
         return pci_fail_cancelled(context, stage);
     }
-    const pci_hole_limits holes = {
-        .most_edges = job->options->fill_loops, .longest = INFINITY, .whole = job->projected};
+    const pci_hole_limits holes = {.most_edges = job->options->fill_loops,
+                                   .longest = INFINITY,
+                                   .whole = job->projected,
+                                   .tree = projected};
     return pci_fill_loops(scratch, stage, NULL, &holes, layer, &report->filled_loops);
 }
 
@@ -309,7 +304,7 @@ static bool close_cracks(pci_scratch *scratch, const pc_mesh *cloth, const pci_t
 // Mends what webs it can, from the cloth or else the other side of the projected mesh: the layer
 // keeps its shape.
 static pc_status mend_bridges(const carve_job *job, const pci_bvh *visual, uint8_t *away,
-                              pc_mesh *layer) {
+                              pci_shape *shape, pc_mesh *layer) {
     pci_scratch *scratch = job->scratch;
     pc_mesh turned = {0};
     const uint8_t *kept = kept_triangles(job);
@@ -323,28 +318,36 @@ static pc_status mend_bridges(const carve_job *job, const pci_bvh *visual, uint8
     pci_scratch_rewind(scratch, mark);
     if (status == PC_OK) {
         status = pci_mend_webs(scratch, stage, visual, &turned, NULL, cloth_rings, job->cell_size,
-                               &away, layer);
+                               shape, &away, layer);
     }
     pc_mesh_free(scratch->context, &turned);
     return status == PC_OK ? pci_mend_webs(scratch, stage, visual, job->projected, kept,
-                                           projected_rings, job->cell_size, &away, layer)
+                                           projected_rings, job->cell_size, shape, &away, layer)
                            : status;
 }
 
-// The labelled side of the projected mesh, cut along the outline.
-static pc_status labelled_layer(const carve_job *job, const pci_bvh *visual, pc_mesh *layer,
-                                pc_carve_report *report) {
+// The labelled side of the projected mesh, cut along the outline. `labels` are those of the job,
+// and then those of straps with them.
+static pc_status labelled_layer(const carve_job *job, const pci_bvh *visual, uint8_t *labels,
+                                pc_mesh *layer, pc_carve_report *report) {
     pci_scratch *scratch = job->scratch;
+    pci_bvh *projected = NULL;
     pci_rims rims = {0};
     report->source = PC_LAYER_LABELS;
+    const struct pci_scratch_block *before = scratch->blocks;
     pc_status status =
-        pci_find_rims(scratch, stage, visual, job->cloth, job->edges, rim_radius * job->cell_size,
-                      rim_spacing * job->cell_size, &rims);
+        pci_keep_straps(scratch, stage, job->projected, job->cell_size, labels, &projected);
+    pci_scratch_rewind(scratch, before);
+    if (status == PC_OK) {
+        status = pci_find_rims(scratch, stage, visual, job->cloth, job->edges,
+                               rim_radius * job->cell_size, rim_spacing * job->cell_size, &rims);
+    }
     const struct pci_scratch_block *mark = scratch->blocks;
     if (status == PC_OK) {
-        status = extract(job, visual, &rims.points, layer, report);
+        status = extract(job, visual, projected, &rims.points, layer, report);
         pci_scratch_rewind(scratch, mark);
     }
+    pci_bvh_destroy(scratch->context, projected);
     if (status == PC_OK) {
         bool peeled = false;
         status = pci_peel_linings(scratch, stage, NULL, both_sides_reach * job->cell_size,
@@ -392,16 +395,21 @@ static pc_status take_visual(const carve_job *job, uint64_t filled, pc_mesh *vis
         status = pci_face_like(job->scratch, stage, &side, false, layer);
     }
     pc_mesh_free(context, &side);
-    return status == PC_OK ? measure(job, layer, report) : status;
+    pci_shape shape;
+    if (status == PC_OK) {
+        status = find_shape(job->scratch, layer, &shape);
+    }
+    return status == PC_OK ? measure(job, layer, &shape, report) : status;
 }
 
 // Where the labelled layer bridges gaps, as between two legs, or is torn, the cloth made one sheet
 // is taken if that has the shape that the labels say, or fewer parts, and no front is open that
 // they closed.
-static pc_status try_tailoring(const carve_job *job, double boundary, pc_mesh *layer,
+static pc_status try_tailoring(const carve_job *job, const pci_shape *shape, pc_mesh *layer,
                                pc_carve_report *report, bool *taken) {
     pci_scratch *scratch = job->scratch;
     pc_mesh side = {0}, sewn = {0};
+    pci_shape tailored = {0};
     pc_carve_report other = {.source = PC_LAYER_VISUAL};
     pc_status status = labelled_side(job, &side);
     if (status == PC_OK && side.triangle_count > 0) {
@@ -409,17 +417,16 @@ static pc_status try_tailoring(const carve_job *job, double boundary, pc_mesh *l
                                     job->thickness, job->cell_size, &sewn, &other.filled_loops);
     }
     pc_mesh_free(scratch->context, &side);
-    double length = 0.0;
     if (status == PC_OK && sewn.triangle_count > 0) {
-        status = measure_shape(scratch, &sewn, &other, &length);
+        status = find_shape(scratch, &sewn, &tailored);
     }
-    const bool alike =
-        other.components == report->components && other.boundary_loops == report->boundary_loops;
+    const bool alike = tailored.components == shape->components &&
+                       tailored.boundary_loops == shape->boundary_loops;
     *taken = status == PC_OK && sewn.triangle_count > 0 &&
-             (alike || other.components < report->components) && length <= most_boundary * boundary;
+             (alike || tailored.components < shape->components) &&
+             tailored.boundary_length <= most_boundary * shape->boundary_length;
     if (*taken) {
-        status = pci_measure_coverage(scratch, stage, job->surface, &sewn, job->cell_size,
-                                      &other.coverage);
+        status = measure(job, &sewn, &tailored, &other);
     }
     if (*taken && status == PC_OK) {
         pc_mesh_free(scratch->context, layer);
@@ -444,8 +451,8 @@ static bool shall_be_tailored(const carve_job *job, double share, size_t compone
 }
 
 // What stands in for the labelled layer where it bridges gaps: the cloth made one sheet, or itself
-// with the gaps' walls. @param boundary  length of the layer's boundary
-static pc_status bridge_gaps(const carve_job *job, const pci_bvh *visual, double boundary,
+// with the gaps' walls. @param shape  of the layer
+static pc_status bridge_gaps(const carve_job *job, const pci_bvh *visual, pci_shape *shape,
                              pc_mesh *layer, pc_carve_report *report) {
     pci_scratch *scratch = job->scratch;
     uint8_t *away = NULL;
@@ -454,16 +461,16 @@ static pc_status bridge_gaps(const carve_job *job, const pci_bvh *visual, double
     pc_status status = find_bridges(scratch, visual, layer, job->cell_size, &away, &share)
                            ? PC_OK
                            : pci_fail_memory(scratch->context, stage);
-    if (status == PC_OK && shall_be_tailored(job, share, report->components)) {
-        status = try_tailoring(job, boundary, layer, report, &taken);
+    if (status == PC_OK && shall_be_tailored(job, share, shape->components)) {
+        status = try_tailoring(job, shape, layer, report, &taken);
     }
     if (status != PC_OK || taken) {
         return status;
     }
     if (share > 0.0) {
-        status = mend_bridges(job, visual, away, layer);
+        status = mend_bridges(job, visual, away, shape, layer);
     }
-    return status == PC_OK ? measure(job, layer, report) : status;
+    return status == PC_OK ? measure(job, layer, shape, report) : status;
 }
 
 // The labelled layer, unless another one is better. Shapes are compared before anything is done
@@ -472,46 +479,36 @@ static pc_status labelled_or_other(const carve_job *job, uint64_t filled, pc_mes
                                    pc_mesh *layer, pc_carve_report *report) {
     pci_scratch *scratch = job->scratch;
     pci_bvh *visual = NULL;
-    pc_carve_report other = {0};
-    double boundary = 0.0, length = 0.0;
+    pci_shape shape = {0}, other = {0};
     bool better = false;
+    const size_t count = job->projected->vertex_count;
+    uint8_t *labels = PCI_SCRATCH(scratch, uint8_t, count);
+    if (labels == NULL) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    memcpy(labels, job->labels, count);
+    carve_job amended = *job;
+    amended.labels = labels;
     pc_status status = pci_bvh_create(scratch->context, stage, job->cloth, &visual);
     if (status == PC_OK) {
-        status = labelled_layer(job, visual, layer, report);
+        status = labelled_layer(&amended, visual, labels, layer, report);
     }
     if (status == PC_OK) {
-        status = measure_shape(scratch, layer, report, &boundary);
+        status = find_shape(scratch, layer, &shape);
     }
     if (status == PC_OK && folded->triangle_count > 0) {
-        status = measure_shape(scratch, folded, &other, &length);
-        better = status == PC_OK && (other.components != report->components ||
-                                     other.boundary_loops != report->boundary_loops);
+        status = find_shape(scratch, folded, &other);
+        better = status == PC_OK && (other.components != shape.components ||
+                                     other.boundary_loops != shape.boundary_loops);
     }
     if (status == PC_OK && !better) {
-        status = bridge_gaps(job, visual, boundary, layer, report);
+        status = bridge_gaps(&amended, visual, &shape, layer, report);
         better = status == PC_OK && folded->triangle_count > 0 &&
                  report->source == PC_LAYER_LABELS && report->coverage < least_coverage;
     }
     pci_bvh_destroy(scratch->context, visual);
-    return status == PC_OK && better ? take_visual(job, filled, folded, layer, report) : status;
-}
-
-// The labels, with the straps that they leave out.
-static pc_status with_straps(const carve_job *job, uint64_t filled, pc_mesh *folded, pc_mesh *layer,
-                             pc_carve_report *report) {
-    const size_t count = job->projected->vertex_count;
-    carve_job amended = *job;
-    uint8_t *labels = PCI_SCRATCH(job->scratch, uint8_t, count);
-    if (labels == NULL) {
-        return pci_fail_memory(job->scratch->context, stage);
-    }
-    memcpy(labels, job->labels, count);
-    amended.labels = labels;
-    const struct pci_scratch_block *mark = job->scratch->blocks;
-    const pc_status status =
-        pci_keep_straps(job->scratch, stage, job->projected, job->cell_size, labels);
-    pci_scratch_rewind(job->scratch, mark);
-    return status == PC_OK ? labelled_or_other(&amended, filled, folded, layer, report) : status;
+    return status == PC_OK && better ? take_visual(&amended, filled, folded, layer, report)
+                                     : status;
 }
 
 static pc_status choose_layer(const carve_job *job, pc_mesh *layer, pc_carve_report *report) {
@@ -531,8 +528,9 @@ static pc_status choose_layer(const carve_job *job, pc_mesh *layer, pc_carve_rep
         status = pci_fail_cancelled(scratch->context, stage);
     }
     if (status == PC_OK) {
-        status = always || layering == PCI_PLAIN ? take_visual(job, filled, &visual, layer, report)
-                                                 : with_straps(job, filled, &visual, layer, report);
+        status = always || layering == PCI_PLAIN
+                     ? take_visual(job, filled, &visual, layer, report)
+                     : labelled_or_other(job, filled, &visual, layer, report);
     }
     pc_mesh_free(scratch->context, &visual);
     return status;

@@ -135,9 +135,12 @@ static bool find_loops(pci_scratch *scratch, const pc_mesh *mesh, const pci_topo
 
 // Loops around which the whole ends are no holes.
 static pc_status keep_openings(pci_scratch *scratch, const char *stage, const pc_mesh *mesh,
-                               const pc_mesh *whole, border *b) {
-    pci_bvh *bvh = NULL;
-    const pc_status status = pci_bvh_create(scratch->context, stage, whole, &bvh);
+                               const pci_hole_limits *limits, border *b) {
+    pci_bvh *built = NULL;
+    const pc_status status = limits->tree != NULL
+                                 ? PC_OK
+                                 : pci_bvh_create(scratch->context, stage, limits->whole, &built);
+    const pci_bvh *bvh = limits->tree != NULL ? limits->tree : built;
     for (size_t i = 0; status == PC_OK && i < b->loop_count; ++i) {
         if (b->hole[i]) {
             loop_shape shape;
@@ -146,7 +149,7 @@ static pc_status keep_openings(pci_scratch *scratch, const char *stage, const pc
                 pci_bvh_closest(bvh, shape.middle, INFINITY).distance <= most_away * shape.radius;
         }
     }
-    pci_bvh_destroy(scratch->context, bvh);
+    pci_bvh_destroy(scratch->context, built);
     return status;
 }
 
@@ -200,7 +203,7 @@ pc_status pci_fill_loops(pci_scratch *scratch, const char *stage, const pci_topo
         holes += b.hole[i];
     }
     if (holes > 0 && limits->whole != NULL) {
-        const pc_status status = keep_openings(scratch, stage, mesh, limits->whole, &b);
+        const pc_status status = keep_openings(scratch, stage, mesh, limits, &b);
         if (status != PC_OK) {
             return status;
         }

@@ -2,7 +2,7 @@
 #ifndef PCI_LOOPS_H
 #define PCI_LOOPS_H
 
-#include "core/core.h"
+#include "geometry/bvh.h"
 #include "geometry/topology.h"
 
 // Which loops are holes.
@@ -11,6 +11,7 @@ typedef struct pci_hole_limits {
     double longest;    // way around it
     // What a layer was cut from goes on across a hole, not across an opening; NULL: not asked.
     const pc_mesh *whole;
+    const pci_bvh *tree; // of that, or NULL: it is built where it is needed
     // Also longer loops where a few faces are missing: up to six edges, flat, small beside the
     // part.
     bool missing_faces;

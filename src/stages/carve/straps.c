@@ -73,16 +73,15 @@ static bool is_left_out_across(const straps *s, const pci_bvh *bvh, const double
 }
 
 // Leaves in `far` only what belongs to straps.
-static pc_status choose_straps(pci_scratch *scratch, const char *stage, straps *s) {
+static pc_status choose_straps(pci_scratch *scratch, const char *stage, straps *s, pci_bvh **tree) {
     const size_t count = s->mesh->vertex_count;
     double *normals = PCI_SCRATCH(scratch, double, 3 * count);
     size_t *sizes = PCI_SCRATCH(scratch, size_t, count),
            *across = PCI_SCRATCH(scratch, size_t, count);
-    pci_bvh *bvh = NULL;
     if (scratch->failed) {
         return pci_fail_memory(scratch->context, stage);
     }
-    const pc_status status = pci_bvh_create(scratch->context, stage, s->mesh, &bvh);
+    const pc_status status = pci_bvh_create(scratch->context, stage, s->mesh, tree);
     if (status != PC_OK) {
         return status;
     }
@@ -91,11 +90,10 @@ static pc_status choose_straps(pci_scratch *scratch, const char *stage, straps *
         if (s->far[v]) {
             const uint32_t root = pci_find_root(s->piece, v);
             ++sizes[root];
-            across[root] += is_left_out_across(s, bvh, &s->mesh->positions[3 * (size_t)v],
+            across[root] += is_left_out_across(s, *tree, &s->mesh->positions[3 * (size_t)v],
                                                &normals[3 * (size_t)v]);
         }
     }
-    pci_bvh_destroy(scratch->context, bvh);
     for (uint32_t v = 0; v < count; ++v) {
         const uint32_t root = pci_find_root(s->piece, v);
         s->far[v] = s->far[v] && (double)across[root] >= least_across * (double)sizes[root];
@@ -133,7 +131,7 @@ static bool label_straps(pci_scratch *scratch, const straps *s, uint8_t *labels)
 }
 
 pc_status pci_keep_straps(pci_scratch *scratch, const char *stage, const pc_mesh *projected,
-                          double cell_size, uint8_t *labels) {
+                          double cell_size, uint8_t *labels, pci_bvh **tree) {
     straps s = {.mesh = projected, .cell_size = cell_size};
     if (!index_kept(scratch, labels, &s) || !find_far(scratch, labels, &s)) {
         return pci_fail_memory(scratch->context, stage);
@@ -146,7 +144,7 @@ pc_status pci_keep_straps(pci_scratch *scratch, const char *stage, const pc_mesh
         return pci_fail_memory(scratch->context, stage);
     }
     join_far(&s);
-    const pc_status status = choose_straps(scratch, stage, &s);
+    const pc_status status = choose_straps(scratch, stage, &s, tree);
     if (status != PC_OK) {
         return status;
     }

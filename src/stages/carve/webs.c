@@ -1,5 +1,7 @@
 #include "stages/carve/webs.h"
 
+#include <stdatomic.h>
+
 #include "core/core.h"
 #include "core/union_find.h"
 #include "geometry/manifold.h"
@@ -260,38 +262,34 @@ static void number_rings(const pc_mesh *rest, uint8_t last, uint8_t *ring) {
     }
 }
 
-// How the other mesh goes on beyond the borders of webs: `beyond`, #F of it.
+// The layer without its webs.
+typedef struct layer_rest {
+    pc_mesh mesh;
+    pci_bvh *bvh;
+    uint8_t *ring; // #V
+} layer_rest;
+
 // @param corners  #V of `layer`, vertices of webs
-static pc_status measure_beyond(pci_scratch *scratch, const char *stage, const pc_mesh *layer,
-                                const uint8_t *web, const uint8_t *corners, const pc_mesh *other,
-                                const uint8_t *kept, uint8_t rings, double reach, uint8_t *beyond) {
-    pc_context *context = scratch->context;
-    pc_mesh rest = {0};
-    pci_bvh *bvh = NULL;
+static pc_status take_rest(pci_scratch *scratch, const char *stage, const pc_mesh *layer,
+                           const uint8_t *web, const uint8_t *corners, uint8_t rings,
+                           layer_rest *rest) {
     uint32_t *vertices = NULL;
     uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
     for (size_t t = 0; t < layer->triangle_count && keep != NULL; ++t) {
         keep[t] = !web[t];
     }
-    if (keep == NULL || !pci_mesh_compact(scratch, layer, keep, &rest, &vertices)) {
-        return pci_fail_memory(context, stage);
+    if (keep == NULL || !pci_mesh_compact(scratch, layer, keep, &rest->mesh, &vertices)) {
+        return pci_fail_memory(scratch->context, stage);
     }
-    uint8_t *ring = PCI_SCRATCH(scratch, uint8_t, rest.vertex_count);
-    for (size_t v = 0; v < rest.vertex_count && !scratch->failed; ++v) {
-        ring[v] = corners[vertices[v]];
+    rest->ring = PCI_SCRATCH(scratch, uint8_t, rest->mesh.vertex_count);
+    if (rest->ring == NULL) {
+        return pci_fail_memory(scratch->context, stage);
     }
-    pc_status status = scratch->failed ? pci_fail_memory(context, stage)
-                                       : pci_bvh_create(context, stage, &rest, &bvh);
-    if (status == PC_OK) {
-        number_rings(&rest, rings, ring);
-        beyond_job job = {bvh, &rest, other, ring, kept, reach, beyond};
-        status = pci_parallel_while_wanted(context, other->triangle_count, grain, find_beyond, &job)
-                     ? PC_OK
-                     : pci_fail_memory(context, stage);
+    for (size_t v = 0; v < rest->mesh.vertex_count; ++v) {
+        rest->ring[v] = corners[vertices[v]];
     }
-    pci_bvh_destroy(context, bvh);
-    pc_mesh_free(context, &rest);
-    return status;
+    number_rings(&rest->mesh, rings, rest->ring);
+    return pci_bvh_create(scratch->context, stage, &rest->mesh, &rest->bvh);
 }
 
 // What a wall surrounds is a part of it: marks unmarked pieces of the mesh that lie in one marked
@@ -501,15 +499,17 @@ static bool assemble(pci_scratch *scratch, const pc_mesh *layer, const uint8_t *
 }
 
 // Takes the mended layer if it has the shape of the other: `taken`.
-static bool take_mended(pci_scratch *scratch, pc_mesh *mended, pc_mesh *layer, bool *taken) {
-    pci_shape before, after;
-    if (!pci_find_shape(scratch, layer, &before) || !pci_find_shape(scratch, mended, &after)) {
+static bool take_mended(pci_scratch *scratch, pc_mesh *mended, pci_shape *shape, pc_mesh *layer,
+                        bool *taken) {
+    pci_shape after;
+    if (!pci_find_shape(scratch, mended, &after)) {
         return false;
     }
-    if (pci_same_topology(&before, &after)) {
+    if (pci_same_topology(shape, &after)) {
         const pc_mesh swapped = *layer;
         *layer = *mended;
         *mended = swapped;
+        *shape = after;
         *taken = true;
     }
     return true;
@@ -530,7 +530,7 @@ static bool sum_bridged(pci_scratch *scratch, const pc_mesh *layer, const uint8_
 
 static bool replace_webs(pci_scratch *scratch, const pci_bvh *cloth, const uint8_t *web,
                          const uint8_t *away, patches *webs, patches *walls, double cell_size,
-                         pc_mesh *layer, bool *taken) {
+                         pci_shape *shape, pc_mesh *layer, bool *taken) {
     mending m = {.cloth = cloth,
                  .layer = layer,
                  .cell_size = cell_size,
@@ -559,7 +559,7 @@ static bool replace_webs(pci_scratch *scratch, const pci_bvh *cloth, const uint8
     }
     pc_mesh result = {0};
     const bool done = assemble(scratch, layer, web, mended, &m, &result) &&
-                      take_mended(scratch, &result, layer, taken);
+                      take_mended(scratch, &result, shape, layer, taken);
     pc_mesh_free(scratch->context, &result);
     return done;
 }
@@ -575,6 +575,7 @@ typedef struct quarry {
     const uint8_t *kept;
     uint8_t most_rings;
     double cell_size;
+    pci_shape *shape; // of the layer
 } quarry;
 
 // Takes walls that begin at most so many rings before the border. False: out of memory, or
@@ -594,11 +595,45 @@ static bool try_walls(pci_scratch *scratch, quarry *q, const uint8_t *beyond, ui
                 find_patches(scratch, q->mesh, marked, &walls);
     if (done) {
         leave_shallow(web_bvh, least_depth * q->cell_size, &walls);
-        done =
-            replace_webs(scratch, q->cloth, web, away, webs, &walls, q->cell_size, layer, mended);
+        done = replace_webs(scratch, q->cloth, web, away, webs, &walls, q->cell_size, q->shape,
+                            layer, mended);
     }
     pc_mesh_free(scratch->context, &walls.mesh);
     return done;
+}
+
+// The webs of a layer and what lies around them, which two threads find side by side.
+typedef struct survey {
+    const char *stage;
+    const pc_mesh *layer;
+    const pci_topology *topology; // its edges
+    const uint8_t *web, *corners;
+    uint8_t most_rings;
+    patches webs;
+    pci_bvh *web_bvh;
+    layer_rest rest;
+    pci_scratch memory[2]; // of the tasks
+    atomic_bool none;      // web that may be mended: nobody needs the rest
+} survey;
+
+static pc_status survey_nth(void *user, size_t index, pc_context *own) {
+    survey *s = user;
+    pci_scratch scratch = pci_scratch_begin(own);
+    pc_status status = PC_OK;
+    bool some = false;
+    if (index == 1) {
+        status = atomic_load(&s->none) ? PC_OK
+                                       : take_rest(&scratch, s->stage, s->layer, s->web, s->corners,
+                                                   s->most_rings, &s->rest);
+    } else if (find_patches(&scratch, s->layer, s->web, &s->webs) &&
+               leave_others(&scratch, s->layer, s->topology, &s->webs, &some)) {
+        atomic_store(&s->none, !some);
+        status = some ? pci_bvh_create(own, s->stage, &s->webs.mesh, &s->web_bvh) : PC_OK;
+    } else {
+        status = pci_fail_memory(own, s->stage);
+    }
+    pci_scratch_take(&s->memory[index], &scratch);
+    return status;
 }
 
 // One go at all webs there are. `rings` is the first number of rings to try, and then the next.
@@ -606,12 +641,9 @@ static pc_status mend_once(pci_scratch *scratch, const char *stage, quarry *q, c
                            uint8_t *rings, pc_mesh *layer, bool *mended) {
     pc_context *context = scratch->context;
     pci_topology topology;
-    patches webs = {0};
-    pci_bvh *web_bvh = NULL;
     uint8_t *web = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
     uint8_t *corners = PCI_SCRATCH(scratch, uint8_t, layer->vertex_count);
     uint8_t *beyond = PCI_SCRATCH(scratch, uint8_t, q->mesh->triangle_count);
-    bool some = false;
     *mended = false;
     if (scratch->failed || !pci_topology_build_edges(scratch, layer, &topology) ||
         !mark_webs(scratch, layer, &topology, away, web)) {
@@ -622,37 +654,49 @@ static pc_status mend_once(pci_scratch *scratch, const char *stage, quarry *q, c
         memchr(web, 1, layer->triangle_count) == NULL) {
         return PC_OK;
     }
-    pc_status status = find_patches(scratch, layer, web, &webs) &&
-                               leave_others(scratch, layer, &topology, &webs, &some)
-                           ? PC_OK
-                           : pci_fail_memory(context, stage);
-    if (status == PC_OK && some) {
-        status = measure_beyond(scratch, stage, layer, web, corners, q->mesh, q->kept,
-                                q->most_rings, wall_voxels * q->cell_size, beyond);
+    survey s = {.stage = stage,
+                .layer = layer,
+                .topology = &topology,
+                .web = web,
+                .corners = corners,
+                .most_rings = q->most_rings};
+    pc_status status = pci_run_tasks(context, 2, survey_nth, &s);
+    for (size_t i = 0; i < 2; ++i) {
+        pci_scratch_take(scratch, &s.memory[i]);
     }
+    const bool some = !atomic_load(&s.none);
     if (status == PC_OK && some) {
-        status = pci_bvh_create(context, stage, &webs.mesh, &web_bvh);
+        beyond_job job = {s.rest.bvh,  &s.rest.mesh, q->mesh,
+                          s.rest.ring, q->kept,      wall_voxels * q->cell_size,
+                          beyond};
+        status =
+            pci_parallel_while_wanted(context, q->mesh->triangle_count, grain, find_beyond, &job)
+                ? PC_OK
+                : pci_fail_memory(context, stage);
     }
+    pci_bvh_destroy(context, s.rest.bvh);
+    pc_mesh_free(context, &s.rest.mesh);
     for (; *rings <= q->most_rings && some && !*mended && status == PC_OK; ++*rings) {
-        status = try_walls(scratch, q, beyond, *rings, web, away, web_bvh, &webs, layer, mended)
+        status = try_walls(scratch, q, beyond, *rings, web, away, s.web_bvh, &s.webs, layer, mended)
                      ? PC_OK
                      : pci_fail_memory(context, stage);
     }
-    pci_bvh_destroy(context, web_bvh);
-    pc_mesh_free(context, &webs.mesh);
+    pci_bvh_destroy(context, s.web_bvh);
+    pc_mesh_free(context, &s.webs.mesh);
     return status;
 }
 
 pc_status pci_mend_webs(pci_scratch *scratch, const char *stage, const pci_bvh *cloth,
                         const pc_mesh *other, const uint8_t *kept, uint8_t most_rings,
-                        double cell_size, uint8_t **away, pc_mesh *layer) {
+                        double cell_size, pci_shape *shape, uint8_t **away, pc_mesh *layer) {
     pci_scratch kept_longer = pci_scratch_begin(scratch->context);
     quarry q = {.cloth = cloth,
                 .mesh = other,
                 .scratch = &kept_longer,
                 .kept = kept,
                 .most_rings = most_rings,
-                .cell_size = cell_size};
+                .cell_size = cell_size,
+                .shape = shape};
     pc_status status = PC_OK;
     bool mended = true;
     for (uint8_t rings = 1; mended && rings <= most_rings && status == PC_OK;) {

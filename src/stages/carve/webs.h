@@ -4,6 +4,7 @@
 #define PCI_WEBS_H
 
 #include "geometry/bvh.h"
+#include "geometry/topology.h"
 
 // How far the middle of a triangle lies from the cloth: webs lie away from it, and bridge a gap in
 // parts.
@@ -21,12 +22,14 @@ bool pci_find_away(pc_context *context, const pci_bvh *cloth, const pc_mesh *lay
 // @param kept        #F of `other`, what the layer was made of; NULL: nothing
 // @param most_rings  1: walls begin at the border of a web. More: if there are none, also so many
 //                    rings of vertices before it
+// @param shape       of the layer, before and after
 // @param away        #F of `layer`; scratch memory with another one where that has changed
 // @param layer       manifold and consistently oriented, like `other`; it stays so
 // @return PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_TOO_LARGE;
 //         PC_ERROR_CANCELLED.
 PC_NODISCARD pc_status pci_mend_webs(pci_scratch *scratch, const char *stage, const pci_bvh *cloth,
                                      const pc_mesh *other, const uint8_t *kept, uint8_t most_rings,
-                                     double cell_size, uint8_t **away, pc_mesh *layer);
+                                     double cell_size, pci_shape *shape, uint8_t **away,
+                                     pc_mesh *layer);
 
 #endif

@@ -39,7 +39,7 @@
 /// DEVIATION: where the labelled layer bridges gaps (half a percent of its area is more than half a
 /// voxel away from the cloth, as between two legs), or has more components than the cloth, the cloth
 /// made one sheet is taken instead, if it has as many components and loops, or fewer components, at
-/// most 1.5 times the boundary, and 99 % of the visual vertices are near it. What has another part
+/// most 1.35 times the boundary, and 99 % of the visual vertices are near it. What has another part
 /// before it within four voxels (trousers beneath a shirt) is cut away, and the rest sewn to
 /// the hem above it; second plies of a part (hems that are turned in, collars, the inside of a hat)
 /// are cut off along their fold. The sheet must then be plain, or folded where parts were sewn.

@@ -217,6 +217,30 @@ static void edges_lie_in_folds(void **state) {
     pc_context_destroy(context);
 }
 
+// Vertices stand on the ridges and the tip of a roof, or edges cut them off.
+static void edges_follow_ridges(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    for (uint32_t seed = 1; seed <= 6; ++seed) {
+        pc_mesh roof = test_sheet(context, 60, 60, 1.0, 1.0), proxy = {0};
+        for (size_t v = 0; v < roof.vertex_count; ++v) {
+            double *p = &roof.positions[3 * v];
+            p[2] = -3.0 * fmax(fabs(p[0] - 0.43), fabs(p[1] - 0.56));
+        }
+        pc_simplify_options options;
+        pc_record_set_defaults(&pc_simplify_options_record, &options);
+        options.seed = seed;
+        pc_measures measures;
+        assert_ok(context, pc_simplify(context, NULL, &roof, &options, &proxy, NULL));
+        assert_ok(context, pc_evaluate(context, &roof, &proxy, &measures));
+        assert_true(measures.min_angle_mean > 49.0 && measures.min_angle_worst > 20.0);
+        assert_true(measures.hausdorff < 0.017);
+        pc_mesh_free(context, &proxy);
+        pc_mesh_free(context, &roof);
+    }
+    pc_context_destroy(context);
+}
+
 // A slit that the voxels close at its tip is nearly as deep in the single layer, with its sides on
 // the hems.
 static void slits_are_cut_open(void **state) {
@@ -268,6 +292,7 @@ int main(void) {
         cmocka_unit_test(shallow_slits_are_closed),
         cmocka_unit_test(only_narrow_and_shallow_notches_are_filled),
         cmocka_unit_test(edges_lie_in_folds),
+        cmocka_unit_test(edges_follow_ridges),
         cmocka_unit_test(slits_are_cut_open),
     };
     return cmocka_run_group_tests_name("slits", tests, NULL, NULL);

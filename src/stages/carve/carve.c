@@ -67,7 +67,7 @@ static const double least_coverage = 0.99;
 // So much of a layer's area may bridge gaps.
 static const double most_bridges = 0.005;
 // What is taken instead may have so many times the boundary: a front that opens has more.
-static const double most_boundary = 1.5;
+static const double most_boundary = 1.35;
 // An outfit has a few parts that are worn over each other; patterns have more panels.
 static const size_t most_parts = 6;
 // Small parts farther than this from the others are loose parts of the garment, not crumbs.

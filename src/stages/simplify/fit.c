@@ -14,6 +14,9 @@ static const double farthest = 0.15;
 // Samples for each coarse vertex, about, where the fine mesh is dense; more change little.
 static const size_t most_samples = 32;
 
+// Passes over what is far from the faces at last.
+static const size_t chase_passes = PCI_EFFORT(4, 1);
+
 // Each fine vertex is a sample that holds on to the nearest coarse triangle or, if it lies on the
 // border, to the nearest coarse border edge: hems are fitted to hems, from inside and outside.
 typedef struct fitting {
@@ -386,6 +389,172 @@ static void flip_into_fold(const pci_relaxation *r, uint32_t h, double spacing) 
     }
 }
 
+// Brings the samples up to date. Flips renumber triangles and half-edges: starts again from the
+// vertices.
+static bool find_samples(const pci_scratch *scratch, fitting *f, const uint32_t *nearby) {
+    const pci_halfedge *coarse = f->relaxation->coarse;
+    const size_t samples = f->relaxation->fine->vertex_count;
+    for (size_t s = 0; s < samples; ++s) {
+        f->elements[s] = f->arcs[s] > 0.0 ? coarse->outgoing[nearby[s]] : nearby[s];
+    }
+    return pci_parallel_while_wanted(scratch->context, samples, grain, find_residuals, f);
+}
+
+// ---- outliers -----------------------------------------------------------------------------------
+
+// The samples of each triangle, those of its border edges with them.
+typedef struct sample_lists {
+    size_t *offsets; // #triangles + 1
+    uint32_t *samples;
+} sample_lists;
+
+static uint32_t triangle_of(const fitting *f, size_t s) {
+    return f->arcs[s] > 0.0 ? f->elements[s] / 3 : f->elements[s];
+}
+
+static void list_samples(const fitting *f, sample_lists *lists) {
+    const size_t triangles = f->relaxation->coarse->triangle_count;
+    memset(lists->offsets, 0, (triangles + 1) * sizeof(*lists->offsets));
+    for (size_t s = 0; s < f->relaxation->fine->vertex_count; ++s) {
+        lists->offsets[triangle_of(f, s)] += counts(f, s);
+    }
+    size_t sum = 0;
+    for (size_t t = 0; t <= triangles; ++t) {
+        sum += lists->offsets[t];
+        lists->offsets[t] = sum;
+    }
+    for (size_t s = f->relaxation->fine->vertex_count; s-- > 0;) {
+        if (counts(f, s)) {
+            lists->samples[--lists->offsets[triangle_of(f, s)]] = (uint32_t)s;
+        }
+    }
+}
+
+// Squared distance of a sample to the triangles around v, or to the border edges there.
+static double distance_to_fan(const fitting *f, uint32_t v, size_t s) {
+    const pci_halfedge *coarse = f->relaxation->coarse;
+    const double *point = &f->relaxation->fine->positions[3 * s];
+    double best = INFINITY, bary[3];
+    if (f->arcs[s] > 0.0) {
+        best = border_distance(f, f->elements[s], point, bary);
+        if (pci_is_border_vertex(coarse, v)) {
+            best = fmin(best, border_distance(f, coarse->outgoing[v], point, bary));
+            best = fmin(best, border_distance(f, pci_border_incoming(coarse, v), point, bary));
+        }
+        return best;
+    }
+    PCI_FOR_OUTGOING(coarse, v, h) { best = fmin(best, triangle_distance(f, h / 3, point, bary)); }
+    return best;
+}
+
+// The largest of these distances, of what the triangles around v hold; any above `enough` as soon
+// as one is.
+static double farthest_around(const fitting *f, const sample_lists *lists, uint32_t v,
+                              double enough) {
+    double most = 0.0;
+    PCI_FOR_OUTGOING(f->relaxation->coarse, v, h) {
+        for (size_t i = lists->offsets[h / 3]; i < lists->offsets[h / 3 + 1]; ++i) {
+            most = fmax(most, distance_to_fan(f, v, lists->samples[i]));
+            if (most > enough) {
+                return most;
+            }
+        }
+    }
+    return most;
+}
+
+// Moves a vertex along the surface, or the border, towards one of its neighbours if that brings
+// what is farthest from the triangles around it nearer, and keeps their angles.
+static bool chase_outlier(const fitting *f, const sample_lists *lists, uint32_t v, double spacing) {
+    static const double steps[] = {0.4, 0.2, 0.1}, nearer = 0.8, kept_angle = 34.0;
+    pci_relaxation *r = f->relaxation;
+    const pci_halfedge *coarse = r->coarse;
+    double *at = &r->coarse->positions[3 * (size_t)v];
+    const double start[3] = {at[0], at[1], at[2]};
+    const uint32_t foot = r->feet[v];
+    const pci_fan_shape old = pci_shape_of_fan(r, v);
+    double best = nearer * farthest_around(f, lists, v, INFINITY);
+    double origin[3], better[3] = {at[0], at[1], at[2]};
+    uint32_t better_foot = foot;
+    pci_relax_nearest(r, v, at, pci_is_border_vertex(coarse, v), origin);
+    for (size_t i = 0; i < sizeof(steps) / sizeof(steps[0]); ++i) {
+        PCI_FOR_OUTGOING(coarse, v, h) {
+            const double *to = &coarse->positions[3 * (size_t)pci_target(coarse, h)];
+            double target[3];
+            for (size_t k = 0; k < 3; ++k) {
+                target[k] = origin[k] + steps[i] * (to[k] - start[k]);
+            }
+            r->feet[v] = foot;
+            pci_relax_move(r, v, target);
+            for (size_t k = 0; k < 3; ++k) {
+                at[k] += start[k] - origin[k];
+            }
+            const pci_fan_shape shape = pci_shape_of_fan(r, v);
+            if (shape.angle < fmin(old.angle, kept_angle) || shape.turned > old.turned) {
+                continue;
+            }
+            const double reached = farthest_around(f, lists, v, best);
+            if (reached < best) {
+                best = reached;
+                better_foot = r->feet[v];
+                memcpy(better, at, sizeof(better));
+            }
+        }
+    }
+    memcpy(at, better, sizeof(better));
+    r->feet[v] = better_foot;
+    limit_distance(r, v, spacing);
+    return memcmp(better, start, sizeof(start)) != 0;
+}
+
+// Vertices around what is farthest from the faces move along the surface, so that these follow
+// ridges, and borders their bends.
+static bool chase_outliers(pci_scratch *scratch, fitting *f, const uint32_t *nearby,
+                           double spacing) {
+    // In expected edge lengths, and as a share of the largest squared distance.
+    static const double outlying = 0.2, near_most = 0.4;
+    // Farther away are sides that have fallen together: other clusters part them, not this.
+    static const double fallen = 0.5;
+    const pci_relaxation *r = f->relaxation;
+    const pci_halfedge *coarse = r->coarse;
+    sample_lists lists = {PCI_SCRATCH(scratch, size_t, coarse->triangle_count + 1),
+                          PCI_SCRATCH(scratch, uint32_t, r->fine->vertex_count)};
+    uint8_t *asked = PCI_SCRATCH(scratch, uint8_t, coarse->vertex_count);
+    if (scratch->failed) {
+        return false;
+    }
+    bool moved = true;
+    for (size_t pass = 0; pass < chase_passes && moved; ++pass) {
+        if (!find_samples(scratch, f, nearby)) {
+            return false;
+        }
+        list_samples(f, &lists);
+        memset(asked, 0, coarse->vertex_count);
+        double most = 0.0;
+        for (size_t s = 0; s < r->fine->vertex_count; ++s) {
+            most = counts(f, s) ? fmax(most, f->squared[s]) : most;
+        }
+        if (most > fallen * fallen * spacing * spacing) {
+            break;
+        }
+        const double limit = fmax(outlying * outlying * spacing * spacing, near_most * most);
+        for (size_t s = 0; s < r->fine->vertex_count; ++s) {
+            if (counts(f, s) && f->squared[s] > limit) {
+                for (size_t c = 0; c < 3; ++c) {
+                    asked[coarse->corners[3 * (size_t)triangle_of(f, s) + c]] = 1;
+                }
+            }
+        }
+        moved = false;
+        for (uint32_t v = 0; v < coarse->vertex_count; ++v) {
+            if (asked[v] && !r->pinned[v]) {
+                moved |= chase_outlier(f, &lists, v, spacing);
+            }
+        }
+    }
+    return true;
+}
+
 bool pci_fit(pci_scratch *scratch, pci_relaxation *relaxation, const uint32_t *nearby,
              const double *areas, const double *arcs, double spacing, size_t passes) {
     const size_t samples = relaxation->fine->vertex_count;
@@ -403,11 +572,7 @@ bool pci_fit(pci_scratch *scratch, pci_relaxation *relaxation, const uint32_t *n
         return false;
     }
     for (size_t pass = 0; pass < passes; ++pass) {
-        // Flips renumber triangles and half-edges: start again from the vertices.
-        for (size_t s = 0; s < samples; ++s) {
-            f.elements[s] = arcs[s] > 0.0 ? coarse->outgoing[nearby[s]] : nearby[s];
-        }
-        if (!pci_parallel_while_wanted(scratch->context, samples, grain, find_residuals, &f) ||
+        if (!find_samples(scratch, &f, nearby) ||
             !pci_parallel_while_wanted(scratch->context, coarse->triangle_count, face_grain,
                                        find_face_targets, &f)) {
             return false;
@@ -426,5 +591,5 @@ bool pci_fit(pci_scratch *scratch, pci_relaxation *relaxation, const uint32_t *n
             }
         }
     }
-    return true;
+    return chase_outliers(scratch, &f, nearby, spacing);
 }

@@ -7,6 +7,7 @@
 static const char stage[] = "project";
 
 #define GRAIN           128
+#define SPAN            1024 // of loops that do little: vertices stay with their core
 #define ADAM_ITERATIONS 100
 #define ALTERNATIONS    20
 // The alternation ends when an iteration lowers the energy by less than this fraction. Going on
@@ -73,6 +74,14 @@ static double sum_of_pieces(const problem *p) {
     return sum;
 }
 
+// Keeps the sum of a piece behind its last vertex, and begins the next one.
+static void end_piece(const problem *p, size_t vertex, double *sum) {
+    if ((vertex + 1) % GRAIN == 0 || vertex + 1 == p->count) {
+        p->partial[vertex / GRAIN] = *sum;
+        *sum = 0.0;
+    }
+}
+
 static double neighbour_count(const pci_topology *topology, size_t vertex) {
     return (double)(topology->ring_offsets[vertex + 1] - topology->ring_offsets[vertex]);
 }
@@ -136,8 +145,8 @@ static void apply_transposed(void *user, size_t begin, size_t end, uint32_t work
                      p->options->lambda_laplacian * (p->scaled[3 * i + k] * count - sum[k]);
         }
         dot += pci_dot(&p->x[3 * i], out);
+        end_piece(p, i, &dot);
     }
-    p->partial[begin / GRAIN] = dot;
 }
 
 static void measure_energy(void *user, size_t begin, size_t end, uint32_t worker) {
@@ -149,8 +158,8 @@ static void measure_energy(void *user, size_t begin, size_t end, uint32_t worker
         const double *scaled = &p->scaled[3 * i];
         energy += pci_squared_distance(&p->v[3 * i], &p->nearest[3 * i]) +
                   p->options->lambda_laplacian * count * count * pci_dot(scaled, scaled);
+        end_piece(p, i, &energy);
     }
-    p->partial[begin / GRAIN] = energy;
 }
 
 // Refreshes p and, for x = v, `scaled`, and the energy per vertex in squared voxels.
@@ -160,8 +169,8 @@ static pc_status refresh(problem *p, double *energy) {
     }
     p->have_nearest = true;
     p->x = p->v;
-    pci_parallel_for(p->context, p->count, GRAIN, apply_laplacian, p);
-    pci_parallel_for(p->context, p->count, GRAIN, measure_energy, p);
+    pci_parallel_for(p->context, p->count, SPAN, apply_laplacian, p);
+    pci_parallel_for(p->context, p->count, SPAN, measure_energy, p);
     *energy = sum_of_pieces(p) / ((double)p->count * p->cell_size * p->cell_size);
     return PC_OK;
 }
@@ -180,7 +189,7 @@ static pc_status run_vector_adam(problem *p, pci_scratch *scratch, uint32_t iter
     const double rate = p->options->projection_step * p->cell_size;
     double power1 = 1.0, power2 = 1.0;
     for (uint32_t t = 0; t < iterations; ++t) {
-        pci_parallel_for(p->context, p->count, GRAIN, apply_transposed, p);
+        pci_parallel_for(p->context, p->count, SPAN, apply_transposed, p);
         power1 *= beta1, power2 *= beta2;
         for (size_t i = 0; i < p->count; ++i) {
             // Gradient in voxels: 2 (v - p) + 2 lambda L^T L v.
@@ -224,8 +233,10 @@ static void move_along_direction(void *user, size_t begin, size_t end, uint32_t 
         g->p->v[i] += g->step * g->direction[i];
         g->residual[i] -= g->step * g->p->product[i];
         dot += g->residual[i] * g->residual[i];
+        if (i % 3 == 2) {
+            end_piece(g->p, i / 3, &dot);
+        }
     }
-    g->p->partial[begin / GRAIN] = dot;
 }
 
 static void choose_direction(void *user, size_t begin, size_t end, uint32_t worker) {
@@ -241,13 +252,13 @@ static void choose_direction(void *user, size_t begin, size_t end, uint32_t work
 // cancelled.
 static bool conjugate_gradients(gradients *g) {
     problem *p = g->p;
-    pci_parallel_for(p->context, p->count, GRAIN, apply_transposed, p);
+    pci_parallel_for(p->context, p->count, SPAN, apply_transposed, p);
     for (size_t i = 0; i < 3 * p->count; ++i) {
         g->residual[i] = p->nearest[i] - p->product[i];
         g->direction[i] = 0.0;
     }
     g->step = g->correction = 0.0;
-    pci_parallel_for(p->context, p->count, GRAIN, move_along_direction, g);
+    pci_parallel_for(p->context, p->count, SPAN, move_along_direction, g);
     double square = sum_of_pieces(p);
     const double goal = INNER_TOLERANCE * INNER_TOLERANCE * square;
     p->x = g->direction;
@@ -255,11 +266,11 @@ static bool conjugate_gradients(gradients *g) {
         if (!pci_keep_going(p->context)) {
             return false;
         }
-        pci_parallel_for(p->context, p->count, GRAIN, choose_direction, g);
-        pci_parallel_for(p->context, p->count, GRAIN, apply_laplacian, p);
-        pci_parallel_for(p->context, p->count, GRAIN, apply_transposed, p);
+        pci_parallel_for(p->context, p->count, SPAN, choose_direction, g);
+        pci_parallel_for(p->context, p->count, SPAN, apply_laplacian, p);
+        pci_parallel_for(p->context, p->count, SPAN, apply_transposed, p);
         g->step = square / sum_of_pieces(p);
-        pci_parallel_for(p->context, p->count, GRAIN, move_along_direction, g);
+        pci_parallel_for(p->context, p->count, SPAN, move_along_direction, g);
         const double next = sum_of_pieces(p);
         g->correction = next / square;
         square = next;

@@ -416,7 +416,9 @@ static void list_samples(const fitting *f, sample_lists *lists) {
     const size_t triangles = f->relaxation->coarse->triangle_count;
     memset(lists->offsets, 0, (triangles + 1) * sizeof(*lists->offsets));
     for (size_t s = 0; s < f->relaxation->fine->vertex_count; ++s) {
-        lists->offsets[triangle_of(f, s)] += counts(f, s);
+        if (counts(f, s)) {
+            ++lists->offsets[triangle_of(f, s)];
+        }
     }
     size_t sum = 0;
     for (size_t t = 0; t <= triangles; ++t) {

@@ -47,18 +47,21 @@ static patch *patch_of_vertex(const patches *p, const pci_topology *topology, si
     return &p->list[p->component[topology->vertex_triangles[topology->vertex_triangle_offsets[v]]]];
 }
 
-// The piece with an edge of its border.
+// The piece with an edge of its border. Where the cloth is no manifold, chains end that have no
+// such edge: then a piece at its first vertex.
 static patch *patch_of_edge(const patches *p, const pci_topology *topology, uint32_t from,
                             uint32_t to) {
-    const uint32_t *around = &topology->vertex_triangles[topology->vertex_triangle_offsets[from]];
-    for (size_t i = 0;; ++i) {
-        const uint32_t *corner = &p->mesh.triangles[3 * (size_t)around[i]];
+    const size_t *offsets = &topology->vertex_triangle_offsets[from];
+    for (size_t i = offsets[0]; i < offsets[1]; ++i) {
+        const uint32_t t = topology->vertex_triangles[i];
+        const uint32_t *corner = &p->mesh.triangles[3 * (size_t)t];
         for (size_t c = 0; c < 3; ++c) {
             if (corner[c] == from && corner[(c + 1) % 3] == to) {
-                return &p->list[p->component[around[i]]];
+                return &p->list[p->component[t]];
             }
         }
     }
+    return patch_of_vertex(p, topology, from);
 }
 
 static bool add_loops(pci_scratch *scratch, const patches *p, const pci_topology *topology,
@@ -71,7 +74,7 @@ static bool add_loops(pci_scratch *scratch, const patches *p, const pci_topology
     for (size_t i = 0; i < count; ++i) {
         const uint32_t *first = &vertices[offsets[i]];
         const size_t length = offsets[i + 1] - offsets[i];
-        patch *owner = patch_of_edge(p, topology, first[0], first[1]);
+        patch *owner = patch_of_edge(p, topology, first[0], first[length > 1 ? 1 : 0]);
         if (++owner->loops == 1 &&
             !pci_loop_begin(scratch, &p->mesh, length, first, &owner->border)) {
             return false;

@@ -435,6 +435,26 @@ size_t pci_manifold_components(pci_scratch *scratch, const pc_mesh *mesh, uint32
     return count;
 }
 
+double *pci_component_volumes(pci_scratch *scratch, const pc_mesh *mesh, const uint32_t *component,
+                              size_t count) {
+    double *volumes = PCI_SCRATCH(scratch, double, count);
+    uint32_t *first = PCI_SCRATCH(scratch, uint32_t, count);
+    if (scratch->failed) {
+        return NULL;
+    }
+    for (size_t t = mesh->triangle_count; t-- > 0;) {
+        first[component[t]] = mesh->triangles[3 * t];
+    }
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        double corner[3], vector[3];
+        pci_sub(&mesh->positions[3 * (size_t)mesh->triangles[3 * t]],
+                &mesh->positions[3 * (size_t)first[component[t]]], corner);
+        pci_triangle_vector(mesh, t, vector);
+        volumes[component[t]] += pci_dot(corner, vector) / 6.0;
+    }
+    return volumes;
+}
+
 bool pci_mesh_compact(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *keep,
                       pc_mesh *result, uint32_t **kept_vertices) {
     pc_context *context = scratch->context;

@@ -48,6 +48,12 @@ size_t pci_triangle_components(pci_scratch *scratch, const pc_mesh *mesh,
 // quicker. 0: out of memory.
 size_t pci_manifold_components(pci_scratch *scratch, const pc_mesh *mesh, uint32_t *component);
 
+// The volume that each component encloses, below zero where its triangles face inwards; of an open
+// one, as if each boundary loop were closed by a fan around the component's first vertex. Returns
+// scratch memory, #components; NULL: out of memory.
+double *pci_component_volumes(pci_scratch *scratch, const pc_mesh *mesh, const uint32_t *component,
+                              size_t count);
+
 // Joins the vertices of each triangle in `parents` (#V, core/union_find.h). Returns the number of
 // sets; a vertex without triangles is one of its own.
 size_t pci_vertex_components(const pc_mesh *mesh, uint32_t *parents);

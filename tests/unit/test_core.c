@@ -89,13 +89,19 @@ static void release_counted(void *user, void *memory) {
     free(memory);
 }
 
+// A context that keeps the number of its pieces of memory.
+static pc_context *counting_context(int *count) {
+    const pc_context_options options = {.threads = 1,
+                                        .allocator = {allocate_counted, release_counted, count}};
+    pc_context *context = NULL;
+    assert_int_equal(pc_context_create(&options, &context), PC_OK);
+    return context;
+}
+
 static void single_pieces_of_scratch_memory_are_released(void **state) {
     (void)state;
     int count = 0;
-    const pc_context_options options = {.threads = 1,
-                                        .allocator = {allocate_counted, release_counted, &count}};
-    pc_context *context = NULL;
-    assert_int_equal(pc_context_create(&options, &context), PC_OK);
+    pc_context *context = counting_context(&count);
     const int before = count;
     pci_scratch scratch = pci_scratch_begin(context);
     uint32_t *pieces[4];
@@ -119,10 +125,7 @@ static void single_pieces_of_scratch_memory_are_released(void **state) {
 static void scratch_memory_is_rewound_and_handed_over(void **state) {
     (void)state;
     int count = 0;
-    const pc_context_options options = {.threads = 1,
-                                        .allocator = {allocate_counted, release_counted, &count}};
-    pc_context *context = NULL;
-    assert_int_equal(pc_context_create(&options, &context), PC_OK);
+    pc_context *context = counting_context(&count);
     const int before = count;
     pci_scratch scratch = pci_scratch_begin(context), other = pci_scratch_begin(context);
     uint32_t *kept = PCI_SCRATCH(&scratch, uint32_t, 10);

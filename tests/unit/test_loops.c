@@ -16,7 +16,9 @@ static size_t count_loops(pc_context *context, const pc_mesh *mesh) {
 static size_t fill(pc_context *context, pc_mesh *mesh, const pci_hole_limits *limits) {
     pci_scratch scratch = pci_scratch_begin(context);
     uint64_t filled = 0;
-    assert_ok(context, pci_fill_loops(&scratch, "test", NULL, limits, mesh, &filled));
+    pci_topology edges;
+    assert_true(pci_topology_build_edges(&scratch, mesh, &edges));
+    assert_ok(context, pci_fill_loops(&scratch, "test", &edges, limits, mesh, &filled));
     pci_scratch_end(&scratch);
     return filled;
 }
@@ -85,9 +87,12 @@ static void the_whole_tells_holes_from_openings(void **state) {
                 remove_quad(&whole, 20, column, 10, true);
             }
         }
-        const pci_hole_limits limits = {.most_edges = 12, .longest = INFINITY, .whole = &whole};
+        pci_bvh *tree = NULL;
+        const pci_hole_limits limits = {
+            .most_edges = 12, .longest = INFINITY, .whole = &whole, .tree = &tree};
         assert_int_equal(fill(context, &layer, &limits), 1 - opening);
         assert_int_equal(count_loops(context, &layer), 1 + opening);
+        pci_bvh_destroy(context, tree);
         pc_mesh_free(context, &whole);
         pc_mesh_free(context, &layer);
     }

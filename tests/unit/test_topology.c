@@ -1,6 +1,7 @@
 #include "geometry/topology.h"
 
 #include "geometry/locality.h"
+#include "support/surfaces.h"
 #include "support/test.h"
 
 #include <stdlib.h>
@@ -305,6 +306,37 @@ static void closed_mesh_has_no_loop(void **state) {
     assert_int_equal(topology.edge_count, 6);
     pci_scratch_end(&scratch);
     pc_mesh_free(context, &mesh);
+    pc_context_destroy(context);
+}
+
+// Far from the origin, and turned inside out; the tube is closed by fans around a vertex of its
+// rim.
+static void volumes_have_the_sign_of_the_front(void **state) {
+    (void)state;
+    const double pi = 3.14159265358979323846, far[3] = {1e4, -1e4, 2e4};
+    pc_context *context = test_context(1);
+    pci_scratch scratch = pci_scratch_begin(context);
+    pc_mesh ball = test_sphere(context, 24), tube = test_tube(context, 64, 8, 0.5, 2.0);
+    pc_mesh mesh = test_union(context, &ball, &tube, far);
+    double inside_out = 1.0;
+    for (int turn = 0; turn < 2; ++turn, inside_out = -1.0) {
+        uint32_t *component = PCI_SCRATCH(&scratch, uint32_t, mesh.triangle_count);
+        const size_t count = pci_manifold_components(&scratch, &mesh, component);
+        assert_int_equal(count, 2);
+        const double *volumes = pci_component_volumes(&scratch, &mesh, component, count);
+        assert_non_null(volumes);
+        assert_close(volumes[0], inside_out * 4.0 * pi / 3.0, 0.05);
+        assert_close(volumes[1], inside_out * pi / 3.0, 0.01);
+        for (size_t t = 0; t < mesh.triangle_count; ++t) {
+            uint32_t *corner = &mesh.triangles[3 * t];
+            const uint32_t second = corner[1];
+            corner[1] = corner[2], corner[2] = second;
+        }
+    }
+    pc_mesh_free(context, &ball);
+    pc_mesh_free(context, &tube);
+    pc_mesh_free(context, &mesh);
+    pci_scratch_end(&scratch);
     pc_context_destroy(context);
 }
 
@@ -636,6 +668,7 @@ int main(void) {
         cmocka_unit_test(sheet_has_one_loop_along_its_winding),
         cmocka_unit_test(loops_follow_fans),
         cmocka_unit_test(closed_mesh_has_no_loop),
+        cmocka_unit_test(volumes_have_the_sign_of_the_front),
         cmocka_unit_test(loops_cover_the_border_once),
         cmocka_unit_test(loops_survive_any_mesh),
         cmocka_unit_test(compact_keeps_order),

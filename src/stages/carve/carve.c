@@ -160,8 +160,8 @@ static uint8_t *kept_triangles(const carve_job *job) {
 }
 
 // The triangles whose labels say so, as a manifold without small parts and short holes.
-// @param projected  tree of that mesh, or NULL
-static pc_status extract(const carve_job *job, const pci_bvh *visual, const pci_bvh *projected,
+// @param projected  tree of that mesh, built here if it is needed and was not before
+static pc_status extract(const carve_job *job, const pci_bvh *visual, pci_bvh **projected,
                          const pci_knn *rims, pc_mesh *layer, pc_carve_report *report) {
     pci_scratch *scratch = job->scratch;
     pc_context *context = scratch->context;
@@ -193,7 +193,10 @@ static pc_status extract(const carve_job *job, const pci_bvh *visual, const pci_
                                    .longest = INFINITY,
                                    .whole = job->projected,
                                    .tree = projected};
-    return pci_fill_loops(scratch, stage, NULL, &holes, layer, &report->filled_loops);
+    pci_topology edges;
+    return pci_topology_build_edges(scratch, layer, &edges)
+               ? pci_fill_loops(scratch, stage, &edges, &holes, layer, &report->filled_loops)
+               : pci_fail_memory(context, stage);
 }
 
 static pc_status cut(const carve_job *job, const pci_bvh *visual, const pci_rims *rims,
@@ -344,7 +347,7 @@ static pc_status labelled_layer(const carve_job *job, const pci_bvh *visual, uin
     }
     const struct pci_scratch_block *mark = scratch->blocks;
     if (status == PC_OK) {
-        status = extract(job, visual, projected, &rims.points, layer, report);
+        status = extract(job, visual, &projected, &rims.points, layer, report);
         pci_scratch_rewind(scratch, mark);
     }
     pci_bvh_destroy(scratch->context, projected);

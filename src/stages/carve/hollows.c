@@ -13,26 +13,11 @@ static bool find_hollows(pci_scratch *scratch, const pc_mesh *mesh, uint8_t *hol
         return false;
     }
     const size_t count = pci_manifold_components(scratch, mesh, component);
-    double *volumes = PCI_SCRATCH(scratch, double, count);
-    uint32_t *origins = PCI_SCRATCH(scratch, uint32_t, count);
-    if (scratch->failed) {
-        return false;
-    }
-    for (size_t t = mesh->triangle_count; t-- > 0;) {
-        origins[component[t]] = mesh->triangles[3 * t];
-    }
-    for (size_t t = 0; t < mesh->triangle_count; ++t) {
-        const double *origin = &mesh->positions[3 * (size_t)origins[component[t]]];
-        double middle[3], vector[3];
-        pci_triangle_middle(mesh, t, middle);
-        pci_triangle_vector(mesh, t, vector);
-        pci_sub(middle, origin, middle);
-        volumes[component[t]] += pci_dot(middle, vector);
-    }
-    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+    const double *volumes = pci_component_volumes(scratch, mesh, component, count);
+    for (size_t t = 0; volumes != NULL && t < mesh->triangle_count; ++t) {
         hollow[t] = volumes[component[t]] < 0.0;
     }
-    return true;
+    return volumes != NULL;
 }
 
 // Marks the vertices of pieces, by their roots, that are farther than `reach` from the rest.

@@ -119,11 +119,6 @@ typedef struct border {
 
 static bool find_loops(pci_scratch *scratch, const pc_mesh *mesh, const pci_topology *topology,
                        border *b) {
-    pci_topology built;
-    if (topology == NULL && !pci_topology_build_edges(scratch, mesh, &built)) {
-        return false;
-    }
-    topology = topology == NULL ? &built : topology;
     if (!pci_boundary_loops(scratch, mesh, topology, &b->loop_count, &b->offsets, &b->loops) ||
         !vertex_part_areas(scratch, mesh, topology, &b->areas)) {
         return false;
@@ -136,20 +131,17 @@ static bool find_loops(pci_scratch *scratch, const pc_mesh *mesh, const pci_topo
 // Loops around which the whole ends are no holes.
 static pc_status keep_openings(pci_scratch *scratch, const char *stage, const pc_mesh *mesh,
                                const pci_hole_limits *limits, border *b) {
-    pci_bvh *built = NULL;
-    const pc_status status = limits->tree != NULL
-                                 ? PC_OK
-                                 : pci_bvh_create(scratch->context, stage, limits->whole, &built);
-    const pci_bvh *bvh = limits->tree != NULL ? limits->tree : built;
+    pci_bvh **tree = limits->tree;
+    const pc_status status =
+        *tree == NULL ? pci_bvh_create(scratch->context, stage, limits->whole, tree) : PC_OK;
     for (size_t i = 0; status == PC_OK && i < b->loop_count; ++i) {
         if (b->hole[i]) {
             loop_shape shape;
             measure_loop(mesh, &b->loops[b->offsets[i]], b->offsets[i + 1] - b->offsets[i], &shape);
             b->hole[i] =
-                pci_bvh_closest(bvh, shape.middle, INFINITY).distance <= most_away * shape.radius;
+                pci_bvh_closest(*tree, shape.middle, INFINITY).distance <= most_away * shape.radius;
         }
     }
-    pci_bvh_destroy(scratch->context, built);
     return status;
 }
 

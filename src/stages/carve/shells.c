@@ -24,12 +24,12 @@ typedef struct peeling {
     const pci_bvh *bvh;
     double thickest;
     size_t component_count;
-    uint32_t *component; // #F
-    uint8_t *closed;     // per component
-    double *volume;      // per component, signed
-    double *thickness;   // #F, to the triangle behind; HUGE_VAL: none
-    uint32_t *behind;    // #F, the triangle behind
-    uint32_t *skin;      // #F, first triangle of the skin, or of the part of the rim
+    uint32_t *component;  // #F
+    uint8_t *closed;      // per component
+    const double *volume; // per component, signed
+    double *thickness;    // #F, to the triangle behind; HUGE_VAL: none
+    uint32_t *behind;     // #F, the triangle behind
+    uint32_t *skin;       // #F, first triangle of the skin, or of the part of the rim
 } peeling;
 
 // ---- what lies behind each triangle -------------------------------------------------------------
@@ -80,7 +80,7 @@ static bool measure_components(peeling *p) {
     }
     p->component_count = pci_triangle_components(p->scratch, mesh, p->topology, p->component);
     p->closed = PCI_SCRATCH(p->scratch, uint8_t, p->component_count);
-    p->volume = PCI_SCRATCH(p->scratch, double, p->component_count);
+    p->volume = pci_component_volumes(p->scratch, p->mesh, p->component, p->component_count);
     p->thickness = PCI_SCRATCH(p->scratch, double, mesh->triangle_count);
     p->behind = PCI_SCRATCH(p->scratch, uint32_t, mesh->triangle_count);
     p->skin = PCI_SCRATCH(p->scratch, uint32_t, mesh->triangle_count);
@@ -94,12 +94,6 @@ static bool measure_components(peeling *p) {
             1) {
             p->closed[p->component[i / 3]] = 0;
         }
-    }
-    for (size_t t = 0; t < mesh->triangle_count; ++t) {
-        double vector[3];
-        pci_triangle_vector(mesh, t, vector);
-        p->volume[p->component[t]] +=
-            pci_dot(vector, &mesh->positions[3 * (size_t)mesh->triangles[3 * t]]);
     }
     return true;
 }

@@ -261,6 +261,10 @@ bool cli_is_staging(const char *name);
 int cli_output_begin(const cli_command *command, const char *folder, cli_output *output);
 // Path of a new file in the staging folder; NULL when memory ran out.
 char *cli_output_add(cli_output *output, const char *stem, const char *extension);
+// Whether both paths lead to one file. NULL leads nowhere.
+bool cli_same_file(const char *left, const char *right);
+// Fails when a file of the run would take the place of an input; NULL: there is none.
+int cli_output_protect(const cli_command *command, const cli_output *output, const char *input);
 // Moves the files to their places.
 int cli_output_commit(const cli_command *command, cli_output *output);
 // Removes whatever is still staged, and folders that were made in vain.

@@ -276,6 +276,16 @@ static int take_scene(build_run *r) {
     return code;
 }
 
+// Moves the results to their places, unless one would replace what it is made from.
+static int commit(const cli_command *command, const cli_arguments *arguments, cli_output *output) {
+    const char *inputs[] = {arguments->inputs[0], arguments->scenario, arguments->options_file};
+    int code = CLI_OK;
+    for (size_t i = 0; i < sizeof(inputs) / sizeof(inputs[0]) && code == CLI_OK; ++i) {
+        code = cli_output_protect(command, output, inputs[i]);
+    }
+    return code == CLI_OK ? cli_output_commit(command, output) : code;
+}
+
 static int build(build_run *r) {
     int code = take_scene(r);
     for (size_t i = 0; i < r->garment_count && code == CLI_OK; ++i) {
@@ -289,7 +299,7 @@ static int build(build_run *r) {
         code = build_level(r, r->arguments->levels.values[i], r->arguments->levels.values[i]);
     }
     if (code == CLI_OK) {
-        code = cli_output_commit(r->command, r->output);
+        code = commit(r->command, r->arguments, r->output);
     }
     if (code == CLI_OK) {
         print_summary(r);
@@ -369,7 +379,7 @@ int cli_run_export(const cli_command *command, cli_arguments *arguments) {
         code = cli_export_files(command, arguments, context, &asset, NULL, false, &output);
     }
     if (code == CLI_OK) {
-        code = cli_output_commit(command, &output);
+        code = commit(command, arguments, &output);
     }
     cli_output_end(&output);
     if (context != NULL) {

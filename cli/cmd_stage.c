@@ -29,8 +29,10 @@ static int import_visual(const cli_command *command, const cli_arguments *argume
 static int run_and_save(const cli_command *command, pc_context *context, const pc_options *options,
                         pc_asset *asset, const cli_arguments *arguments, const char *output) {
     const char *input = arguments->inputs[0];
-    if (arguments->lp != NULL && strcmp(arguments->lp, output) == 0) {
-        return cli_fail(command->name, CLI_USAGE, "--write-lp: %s is the asset file", output);
+    if (arguments->lp != NULL &&
+        (strcmp(arguments->lp, output) == 0 || cli_same_file(input, arguments->lp))) {
+        return cli_fail(command->name, CLI_USAGE, "--write-lp: %s is the asset file",
+                        arguments->lp);
     }
     const pc_stage_info *info = pc_stage_describe(command->stage);
     pc_status status = pc_run_stage(context, command->stage, options, asset, NULL);
@@ -119,11 +121,18 @@ int cli_run_stage(const cli_command *command, cli_arguments *arguments) {
     cli_kind kind;
     int code = cli_input_kind(command->name, input, &kind);
     if (code == CLI_OK && scenes && kind == CLI_KIND_SCENE) {
-        code =
-            arguments->output == NULL
-                ? cli_fail(command->name, CLI_USAGE, "-o ASSET is missing; usage: proxycloth %s %s",
-                           command->name, command->operands)
-                : scene_import_selected(command, arguments, input, &scene, &chosen);
+        if (arguments->output == NULL) {
+            code =
+                cli_fail(command->name, CLI_USAGE, "-o ASSET is missing; usage: proxycloth %s %s",
+                         command->name, command->operands);
+        } else if (cli_same_file(input, arguments->output)) {
+            code = cli_fail(command->name, CLI_USAGE,
+                            "%s: the asset file would replace what it is made from; choose "
+                            "another name with -o",
+                            arguments->output);
+        } else {
+            code = scene_import_selected(command, arguments, input, &scene, &chosen);
+        }
     }
     if (code == CLI_OK) {
         code = cli_context(command, arguments, &context);

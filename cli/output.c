@@ -237,6 +237,29 @@ static int for_each_file(const cli_command *command, const cli_output *output,
     return code;
 }
 
+bool cli_same_file(const char *left, const char *right) {
+    struct stat a, b;
+    return left != NULL && stat(left, &a) == 0 && stat(right, &b) == 0 && a.st_dev == b.st_dev &&
+           a.st_ino == b.st_ino;
+}
+
+int cli_output_protect(const cli_command *command, const cli_output *output, const char *input) {
+    int code = CLI_OK;
+    for (size_t i = 0; i < output->name_count && code == CLI_OK; ++i) {
+        char *to = join(output->folder, output->names[i], "");
+        if (to == NULL) {
+            code = cli_fail(command->name, CLI_LIMIT, "memory ran out");
+        } else if (cli_same_file(input, to)) {
+            code = cli_fail(command->name, CLI_USAGE,
+                            "%s: a result would replace what it is made from; choose another "
+                            "folder with -o, or another name with --name",
+                            to);
+        }
+        free(to);
+    }
+    return code;
+}
+
 int cli_output_commit(const cli_command *command, cli_output *output) {
     const int code = for_each_file(command, output, check_target);
     return code == CLI_OK ? for_each_file(command, output, move_to_place) : code;

@@ -80,6 +80,21 @@ done
 expect 2 "jobs = 257 is out of range" batch cloth.obj -o out --jobs 257
 expect 3 "nowhere.*.obj: nothing matches" batch 'nowhere/*.obj' -o out
 
+# No result takes the place of what it is made from, whatever the path to it.
+expect 2 "cloth.obj: the asset file would replace" voxelize cloth.obj -o ./cloth.obj
+"$program" build cloth.obj --no-png --frames 2 -o mine 2>stderr || fail "build"
+printf '{"frames": 2}' >mine/cloth.json
+for input in cloth.glb cloth.proxy.obj; do
+    cp mine/$input original
+    expect 2 "$input: a result would replace what it is made from" \
+        build mine/$input --name cloth --no-png --frames 2 -o mine
+    cmp -s mine/$input original || fail "$input was replaced"
+done
+expect 2 "cloth.json: a result would replace what it is made from" \
+    build cloth.obj --options mine/cloth.json --no-png -o mine
+[ "$(cat mine/cloth.json)" = '{"frames": 2}' ] || fail "the options were replaced"
+[ "$(ls -A mine | wc -l)" -eq 4 ] || fail "something is left behind"
+
 # Files that are missing, of another kind, or damaged.
 : >empty.obj
 mkdir empty
@@ -165,6 +180,8 @@ for stage in isosurface project graph label; do
 done
 expect 2 "--write-lp: a value is missing" label cloth.h5 --write-lp
 expect 2 "--write-lp: cloth.h5 is the asset file" label cloth.h5 --write-lp cloth.h5
+cp cloth.h5 other.h5
+expect 2 "--write-lp: other.h5 is the asset file" label other.h5 -o more.h5 --write-lp other.h5
 expect 2 "no option --write-lp" graph cloth.h5 --write-lp cloth.lp
 expect 2 "no option --write-pl; did you mean --write-lp" label cloth.h5 --write-pl cloth.lp
 expect 4 "cloth.obj/x.lp" label cloth.h5 --write-lp cloth.obj/x.lp

@@ -24,6 +24,8 @@ static const double most_facing = -0.5;
 static const double cut_width = 0.5, fold_share = 0.05;
 // So much of a cut may run where the cosine between its sides is larger.
 static const double most_through = 0.1, most_flat = 0.5;
+// No cut runs where that cosine is larger: so little is bent by drapery.
+static const double least_fold = 0.9;
 // Cost of the whole area on the wrong side, and the most that a single wish costs.
 static const double unit = 0x1p36;
 
@@ -38,7 +40,9 @@ typedef struct lining {
     size_t component_count;
     uint32_t *component; // #F
     double *normals;     // #F by 3, unit or zero
-    uint32_t *mates;     // #F by 2, plies behind and before; PC_INVALID_INDEX: none
+    size_t patch_count;
+    uint32_t *patches; // #F, of cloth that is too flat to be cut through
+    uint32_t *mates;   // #F by 2, plies behind and before; PC_INVALID_INDEX: none
 } lining;
 
 static bool is_other(void *user, const pci_hit *hit) { return hit->triangle != *(size_t *)user; }
@@ -87,11 +91,22 @@ static void find_mates(void *user, size_t begin, size_t end, uint32_t worker) {
     }
 }
 
-static pci_signed_edge wish(uint32_t s, uint32_t t, bool opposite, double share) {
-    return (pci_signed_edge){.a = (s < t ? s : t) + 1,
-                             .b = (s < t ? t : s) + 1,
-                             .opposite = opposite,
-                             .cost = (int64_t)(unit * fmin(share, 1.0))};
+// Vertex i + 1 of the graph is patch i.
+typedef struct wishes {
+    pci_signed_edge *edges;
+    size_t count;
+} wishes;
+
+// Of two triangles.
+static void add_wish(const lining *l, uint32_t s, uint32_t t, bool opposite, double share,
+                     wishes *w) {
+    const uint32_t a = l->patches[s], b = l->patches[t];
+    if (a != b) {
+        w->edges[w->count++] = (pci_signed_edge){.a = (a < b ? a : b) + 1,
+                                                 .b = (a < b ? b : a) + 1,
+                                                 .opposite = opposite,
+                                                 .cost = (int64_t)(unit * fmin(share, 1.0))};
+    }
 }
 
 static double edge_length(const lining *l, size_t e) {
@@ -106,15 +121,38 @@ static double facing_at(const lining *l, size_t e) {
     return pci_dot(&l->normals[3 * (size_t)sides[0]], &l->normals[3 * (size_t)sides[1]]);
 }
 
+// Joins what would be cut through flat cloth if it came apart.
+static bool join_patches(lining *l) {
+    const size_t triangles = l->mesh->triangle_count;
+    uint32_t *parents = PCI_SCRATCH(l->scratch, uint32_t, triangles);
+    l->patches = PCI_SCRATCH(l->scratch, uint32_t, triangles);
+    if (l->scratch->failed) {
+        return false;
+    }
+    pci_singletons(parents, triangles);
+    for (size_t e = 0; e < l->topology.edge_count; ++e) {
+        const size_t first = l->topology.edge_triangle_offsets[e];
+        const uint32_t *sides = &l->topology.edge_triangles[first];
+        if (l->topology.edge_triangle_offsets[e + 1] - first == 2 && facing_at(l, e) > least_fold) {
+            pci_unite(parents, sides[0], sides[1]);
+        }
+    }
+    // Roots come first: they are the first triangles of their sets.
+    for (uint32_t t = 0; t < triangles; ++t) {
+        const uint32_t root = pci_find_root(parents, t);
+        l->patches[t] = root == t ? (uint32_t)l->patch_count++ : l->patches[root];
+    }
+    return true;
+}
+
 // Mates wish to be on different sides, neighbours on the same one unless the cloth folds there.
 static bool make_graph(const lining *l, pci_signed_graph *graph) {
     const pc_mesh *mesh = l->mesh;
     const size_t triangles = mesh->triangle_count;
-    pci_signed_edge *edges = PCI_SCRATCH(
-        l->scratch, pci_signed_edge, 2 * triangles + l->topology.edge_count + l->component_count);
+    wishes w = {.edges = PCI_SCRATCH(l->scratch, pci_signed_edge,
+                                     2 * triangles + l->topology.edge_count + l->component_count)};
     uint8_t *pinned = PCI_SCRATCH(l->scratch, uint8_t, l->component_count);
     double total = 0.0;
-    size_t count = 0;
     if (l->scratch->failed) {
         return false;
     }
@@ -124,13 +162,14 @@ static bool make_graph(const lining *l, pci_signed_graph *graph) {
     for (uint32_t t = 0; t < triangles; ++t) {
         for (size_t i = 2 * (size_t)t; i < 2 * (size_t)t + 2; ++i) {
             if (l->mates[i] != PC_INVALID_INDEX) {
-                edges[count++] = wish(t, l->mates[i], true, pci_triangle_area(mesh, t) / total);
+                add_wish(l, t, l->mates[i], true, pci_triangle_area(mesh, t) / total, &w);
             }
         }
         // Which side is called which does not matter.
         if (!pinned[l->component[t]]) {
             pinned[l->component[t]] = 1;
-            edges[count++] = (pci_signed_edge){.a = PCI_GROUND, .b = t + 1, .cost = 1};
+            w.edges[w.count++] =
+                (pci_signed_edge){.a = PCI_GROUND, .b = l->patches[t] + 1, .cost = 1};
         }
     }
     for (size_t e = 0; e < l->topology.edge_count; ++e) {
@@ -140,21 +179,23 @@ static bool make_graph(const lining *l, pci_signed_graph *graph) {
         }
         const uint32_t *sides = &l->topology.edge_triangles[first];
         const double width = l->reach * cut_width * (fold_share + 0.5 * (1.0 + facing_at(l, e)));
-        edges[count++] = wish(sides[0], sides[1], false, width * edge_length(l, e) / total);
+        add_wish(l, sides[0], sides[1], false, width * edge_length(l, e) / total, &w);
     }
-    pci_signed_graph_create(triangles + 1, edges, count, graph);
+    pci_signed_graph_create(l->patch_count + 1, w.edges, w.count, graph);
     return true;
 }
 
 // Keeps the larger side of each component. Returns whether anything goes.
-static bool choose_side(const lining *l, const uint8_t *side, uint8_t *keep) {
+// @param sides  of the patches
+static bool choose_side(const lining *l, const uint8_t *sides, uint8_t *keep) {
     double *balance = PCI_SCRATCH(l->scratch, double, l->component_count);
     bool some = false;
     for (size_t t = 0; t < l->mesh->triangle_count && balance != NULL; ++t) {
-        balance[l->component[t]] += (side[t] ? 1.0 : -1.0) * pci_triangle_area(l->mesh, t);
+        balance[l->component[t]] +=
+            (sides[l->patches[t]] ? 1.0 : -1.0) * pci_triangle_area(l->mesh, t);
     }
     for (size_t t = 0; t < l->mesh->triangle_count && balance != NULL; ++t) {
-        keep[t] = (side[t] != 0) == (balance[l->component[t]] >= 0.0);
+        keep[t] = (sides[l->patches[t]] != 0) == (balance[l->component[t]] >= 0.0);
         some = some || !keep[t];
     }
     return some;
@@ -381,7 +422,7 @@ static pc_status peel(lining *l, const char *stage, pc_mesh *kept) {
     uint8_t *side = PCI_SCRATCH(l->scratch, uint8_t, triangles + 1);
     uint8_t *keep = PCI_SCRATCH(l->scratch, uint8_t, triangles);
     pci_signed_graph graph;
-    if (l->scratch->failed || !make_graph(l, &graph)) {
+    if (l->scratch->failed || !join_patches(l) || !make_graph(l, &graph)) {
         return pci_fail_memory(context, stage);
     }
     // Folds are short against what they divide: no search is needed to find them.

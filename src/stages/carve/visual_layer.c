@@ -4,6 +4,7 @@
 
 #include "core/core.h"
 #include "geometry/manifold.h"
+#include "geometry/stitch.h"
 #include "geometry/topology.h"
 #include "stages/carve/hidden.h"
 #include "stages/carve/lining.h"
@@ -27,6 +28,8 @@ static const double lining_voxels = 2.0;
 enum { facing_first = 64, facing_stride = 8 };
 // Holes of a shorter way around are no openings, in voxels.
 static const double smallest_opening = 3.0;
+// Vertices so near to the edge of another triangle lie on it, in voxels.
+static const double stitch_voxels = 0.005;
 // Thicker shells are solids, in voxels.
 static const double thickest_shell = 4.0;
 
@@ -40,11 +43,23 @@ typedef struct probe {
     atomic_bool touches; // two components are within touch_reach: nothing else matters
 } probe;
 
-// The nearest triangle, if it shows the side that a ply would. PC_INVALID_INDEX: none.
-static uint32_t look(const probe *p, const double point[3], const double normal[3], double side) {
-    const double direction[3] = {side * normal[0], side * normal[1], side * normal[2]};
+static bool is_other(void *user, const pci_hit *hit) {
+    const uint32_t *own = user;
+    return hit->triangle != *own;
+}
+
+// The triangle nearest to t's middle, if it shows the side that a ply would, which may lie on t.
+// PC_INVALID_INDEX: none.
+static uint32_t look(const probe *p, uint32_t t, const double middle[3], const double normal[3],
+                     double side) {
+    const double slack = 1e-4 * p->reach;
+    double direction[3], origin[3];
+    for (size_t k = 0; k < 3; ++k) {
+        direction[k] = side * normal[k];
+        origin[k] = middle[k] - slack * direction[k];
+    }
     const pci_hit hit =
-        pci_bvh_cast(p->bvh, point, direction, 1e-4 * p->reach, p->reach, NULL, NULL);
+        pci_bvh_cast(p->bvh, origin, direction, 0.0, p->reach + slack, is_other, &t);
     return hit.back_face == (side < 0.0) ? hit.triangle : PC_INVALID_INDEX;
 }
 
@@ -65,8 +80,8 @@ static void look_around(void *user, size_t begin, size_t end, uint32_t worker) {
             }
         }
         const bool proper = pci_normalize(normal);
-        p->seen[2 * t] = proper ? look(p, middle, normal, -1.0) : PC_INVALID_INDEX;
-        p->seen[2 * t + 1] = proper ? look(p, middle, normal, 1.0) : PC_INVALID_INDEX;
+        p->seen[2 * t] = proper ? look(p, (uint32_t)t, middle, normal, -1.0) : PC_INVALID_INDEX;
+        p->seen[2 * t + 1] = proper ? look(p, (uint32_t)t, middle, normal, 1.0) : PC_INVALID_INDEX;
     }
 }
 
@@ -176,6 +191,27 @@ static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh 
     return PC_OK;
 }
 
+// Joins what ends in the middle of edges of its neighbours, as after a part was made finer.
+static pc_status stitch(pci_scratch *scratch, const char *stage, double cell_size, pc_mesh *cloth,
+                        pci_topology *edges) {
+    const struct pci_scratch_block *before = scratch->blocks;
+    pc_mesh stitched = {0};
+    pci_repair_counts counts;
+    bool some = false;
+    pc_status status = pci_stitch_borders(scratch, stage, cloth, edges, stitch_voxels * cell_size,
+                                          &stitched, &some);
+    pci_scratch_rewind(scratch, before);
+    if (status == PC_OK && some) {
+        pc_mesh_free(scratch->context, cloth);
+        status = pci_mesh_repair(scratch, &stitched, NULL, cloth, &counts) &&
+                         pci_topology_build_edges(scratch, cloth, edges)
+                     ? PC_OK
+                     : pci_fail_memory(scratch->context, stage);
+        pc_mesh_free(scratch->context, &stitched);
+    }
+    return status;
+}
+
 pc_status pci_visual_cloth(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
                            double cell_size, pc_mesh *cloth, pci_topology *edges,
                            double *thickness) {
@@ -185,10 +221,13 @@ pc_status pci_visual_cloth(pci_scratch *scratch, const char *stage, const pc_mes
         !pci_topology_build_edges(scratch, cloth, edges)) {
         return pci_fail_memory(scratch->context, stage);
     }
+    pc_status status = stitch(scratch, stage, cell_size, cloth, edges);
+    if (status != PC_OK) {
+        return status;
+    }
     const size_t whole = cloth->triangle_count;
     const struct pci_scratch_block *after = scratch->blocks;
-    pc_status status =
-        pci_peel_shells(scratch, stage, thickest_shell * cell_size, edges, cloth, thickness);
+    status = pci_peel_shells(scratch, stage, thickest_shell * cell_size, edges, cloth, thickness);
     pci_scratch_rewind(scratch, after);
     if (status == PC_OK) {
         status = pci_drop_hidden(scratch, stage, cell_size, cloth);

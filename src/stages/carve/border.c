@@ -20,6 +20,8 @@ static const double opposite_cosine = -0.3;
 // are halved up to so many times, then given up.
 static const double least_kept = 0.15;
 static const size_t retreats = 5;
+// Of a point on a hem, in reaches.
+static const double rounding = 1e-6;
 
 typedef struct snapping {
     pc_mesh *layer;
@@ -46,9 +48,9 @@ static double *point_of(const snapping *s, uint32_t v) {
 
 // The nearest point of the hems of cloth that lies on the same side. False: none within reach.
 static bool nearest_hem(const snapping *s, const double point[3], const double inward[3],
-                        double nearest[3]) {
+                        double reach, double nearest[3]) {
     uint32_t pieces[most_pieces];
-    const size_t found = pci_bvh_collect(s->hem_bvh, point, s->reach, most_pieces, pieces);
+    const size_t found = pci_bvh_collect(s->hem_bvh, point, reach, most_pieces, pieces);
     double best = INFINITY;
     uint32_t chosen = PC_INVALID_INDEX;
     for (size_t i = 0; i < found && i < most_pieces; ++i) {
@@ -174,7 +176,8 @@ static void snap_loops(snapping *s) {
         const bool stays =
             s->strap[v] ||
             (s->cut > 0.0 && pci_bvh_within(s->surface, point_of(s, v), least_beside * s->cut));
-        if (!stays && nearest_hem(s, point_of(s, v), &s->inwards[3 * (size_t)v], target)) {
+        if (!stays &&
+            nearest_hem(s, point_of(s, v), &s->inwards[3 * (size_t)v], s->reach, target)) {
             s->snapped[v] = 1;
             pci_sub(target, point_of(s, v), &s->moves[3 * (size_t)v]);
         }
@@ -207,7 +210,9 @@ static void snap_loops(snapping *s) {
                 for (size_t k = 0; k < 3; ++k) {
                     at[k] += share * axis[k];
                 }
-                if (nearest_hem(s, at, &s->inwards[3 * (size_t)v], target)) {
+                // Where it is now is on such a hem, too.
+                const double reach = fmin(s->reach, fabs(share) + rounding * s->reach);
+                if (nearest_hem(s, at, &s->inwards[3 * (size_t)v], reach, target)) {
                     pci_sub(target, point_of(s, v), &s->moves[3 * (size_t)v]);
                 }
             }
@@ -215,40 +220,55 @@ static void snap_loops(snapping *s) {
     }
 }
 
-// Spreads the moves over the rings behind the border: each vertex moves as its neighbours do on
-// average, vertices beyond the rings and borders without a hem not at all.
-static bool spread_moves(pci_scratch *scratch, snapping *s) {
-    const size_t nv = s->layer->vertex_count;
+// Lists the rings behind the snapped border, and numbers them. Returns how many vertices these are.
+static size_t list_rings(snapping *s, uint32_t *listed) {
     const pci_topology *topology = &s->topology;
-    double *spread = PCI_SCRATCH(scratch, double, 3 * nv);
-    if (spread == NULL) {
-        return false;
-    }
+    size_t count = 0;
     for (size_t i = 0; i < s->offsets[s->loop_count]; ++i) {
-        s->rings[s->loops[i]] = s->snapped[s->loops[i]];
+        if (s->snapped[s->loops[i]] && s->rings[s->loops[i]] == 0) {
+            s->rings[s->loops[i]] = 1;
+            listed[count++] = s->loops[i];
+        }
     }
-    for (uint8_t ring = 1; ring <= following_rings; ++ring) {
-        for (size_t v = 0; v < nv; ++v) {
-            for (size_t n = topology->ring_offsets[v];
-                 n < topology->ring_offsets[v + 1] && s->rings[v] == 0 && !s->border[v]; ++n) {
-                s->rings[v] = s->rings[topology->ring[n]] == ring ? (uint8_t)(ring + 1) : 0;
+    const size_t snapped = count;
+    for (size_t i = 0; i < count && s->rings[listed[i]] <= following_rings; ++i) {
+        const uint32_t v = listed[i];
+        for (size_t n = topology->ring_offsets[v]; n < topology->ring_offsets[v + 1]; ++n) {
+            const uint32_t w = topology->ring[n];
+            if (s->rings[w] == 0 && !s->border[w]) {
+                s->rings[w] = (uint8_t)(s->rings[v] + 1);
+                listed[count++] = w;
             }
         }
     }
+    memmove(listed, listed + snapped, (count - snapped) * sizeof(*listed));
+    return count - snapped;
+}
+
+// Spreads the moves over the rings behind the border: each vertex moves as its neighbours do on
+// average, vertices beyond the rings and borders without a hem not at all.
+static bool spread_moves(pci_scratch *scratch, snapping *s) {
+    const pci_topology *topology = &s->topology;
+    uint32_t *listed = PCI_SCRATCH(scratch, uint32_t, s->layer->vertex_count);
+    const size_t count = listed != NULL ? list_rings(s, listed) : 0;
+    double *spread = PCI_SCRATCH(scratch, double, 3 * count);
+    if (scratch->failed) {
+        return false;
+    }
     for (size_t pass = 0; pass < spread_passes; ++pass) {
-        memcpy(spread, s->moves, 3 * nv * sizeof(*spread));
-        for (size_t v = 0; v < nv; ++v) {
-            if (s->rings[v] < 2) {
-                continue;
-            }
+        for (size_t i = 0; i < count; ++i) {
+            const size_t v = listed[i];
             const size_t begin = topology->ring_offsets[v], end = topology->ring_offsets[v + 1];
             for (size_t k = 0; k < 3; ++k) {
                 double sum = 0.0;
                 for (size_t n = begin; n < end; ++n) {
-                    sum += spread[3 * (size_t)topology->ring[n] + k];
+                    sum += s->moves[3 * (size_t)topology->ring[n] + k];
                 }
-                s->moves[3 * v + k] = sum / (double)(end - begin);
+                spread[3 * i + k] = sum / (double)(end - begin);
             }
+        }
+        for (size_t i = 0; i < count; ++i) {
+            memcpy(&s->moves[3 * (size_t)listed[i]], &spread[3 * i], 3 * sizeof(*spread));
         }
     }
     return true;

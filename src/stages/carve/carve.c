@@ -329,6 +329,14 @@ static pc_status mend_bridges(const carve_job *job, const pci_bvh *visual, uint8
                            : status;
 }
 
+// @param cut  how far from the cloth; 0: nothing was cut
+static pc_status snap(const carve_job *job, const pci_bvh *visual, double cut, pc_mesh *layer) {
+    return job->options->snap_border
+               ? pci_snap_border(job->scratch->context, stage, job->cloth, job->edges, visual, cut,
+                                 job->cell_size, layer)
+               : PC_OK;
+}
+
 // The labelled side of the projected mesh, cut along the outline. `labels` are those of the job,
 // and then those of straps with them.
 static pc_status labelled_layer(const carve_job *job, const pci_bvh *visual, uint8_t *labels,
@@ -357,20 +365,10 @@ static pc_status labelled_layer(const carve_job *job, const pci_bvh *visual, uin
                                   least_both_sides, layer, &peeled);
         pci_scratch_rewind(scratch, mark);
     }
-    const bool snaps = job->options->snap_border;
-    if (status == PC_OK && snaps) {
-        status = pci_snap_border(scratch->context, stage, job->cloth, job->edges, visual, 0.0,
-                                 job->cell_size, layer);
-    }
     if (status == PC_OK) {
-        status = cut(job, visual, &rims, layer, report);
+        status = snap(job, visual, 0.0, layer);
     }
-    // The cut is made beside the hems.
-    return status == PC_OK && snaps && report->carved_regions > 0
-               ? pci_snap_border(scratch->context, stage, job->cloth, job->edges, visual,
-                                 job->options->carve_distance * job->cell_size, job->cell_size,
-                                 layer)
-               : status;
+    return status == PC_OK ? cut(job, visual, &rims, layer, report) : status;
 }
 
 // The labelled triangles of the projected mesh; may be none.
@@ -496,13 +494,18 @@ static pc_status labelled_or_other(const carve_job *job, uint64_t filled, pc_mes
     if (status == PC_OK) {
         status = labelled_layer(&amended, visual, labels, layer, report);
     }
-    if (status == PC_OK) {
-        status = find_shape(scratch, layer, &shape);
-    }
     if (status == PC_OK && folded->triangle_count > 0) {
-        status = find_shape(scratch, folded, &other);
+        status = find_shape(scratch, layer, &shape);
+        status = status == PC_OK ? find_shape(scratch, folded, &other) : status;
         better = status == PC_OK && (other.components != shape.components ||
                                      other.boundary_loops != shape.boundary_loops);
+    }
+    if (status == PC_OK && !better && report->carved_regions > 0) {
+        // The cut was made beside the hems.
+        status = snap(&amended, visual, amended.options->carve_distance * amended.cell_size, layer);
+    }
+    if (status == PC_OK && !better) {
+        status = find_shape(scratch, layer, &shape);
     }
     if (status == PC_OK && !better) {
         status = bridge_gaps(&amended, visual, &shape, layer, report);

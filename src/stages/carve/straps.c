@@ -5,9 +5,9 @@
 #include "geometry/knn.h"
 #include "geometry/topology.h"
 
-// How far, in voxels, a strap is from what is kept, and the other side of it; how thick it is at
-// most; how far its ends go on.
-static const double far_away = 2.0, far_across = 1.5, thickest = 2.6, end_voxels = 3.5;
+// How far, in voxels, a strap is from what is kept, and the other side of it; how far its ends go
+// on.
+static const double far_away = 2.0, far_across = 1.5, end_voxels = 3.5;
 // Rays start so much outside.
 static const double outside = 0.1;
 // So much of a piece has another left out side across: of the walls of a cavity little has.
@@ -63,8 +63,8 @@ static bool is_left_out_across(const straps *s, const pci_bvh *bvh, const double
         direction[k] = -normal[k];
         from[k] = point[k] + outside * s->cell_size * normal[k];
     }
-    const pci_hit hit = pci_bvh_cast(bvh, from, direction, 1.5 * outside * s->cell_size,
-                                     thickest * s->cell_size, NULL, NULL);
+    const pci_hit hit =
+        pci_bvh_cast(bvh, from, direction, 1.5 * outside * s->cell_size, INFINITY, NULL, NULL);
     for (size_t k = 0; k < 3; ++k) {
         met[k] = from[k] + hit.distance * direction[k];
     }

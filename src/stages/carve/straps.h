@@ -4,8 +4,9 @@
 
 #include "geometry/bvh.h"
 
-// A strap about as thick as wide is a rod, whose sides are no two sides of a sheet: nothing asks
-// for either, and where its ends meet sides that are left out, all of it is. Pieces of the closed
+// A strap about as thick as wide is a rod, whose sides are no two sides of a sheet, and a pouch as
+// wide as its belt is a solid: nothing asks for either side, and where the ends meet sides that are
+// left out, all of it is. Pieces of the closed
 // `projected` mesh farther than two voxels from all that is labelled 1, with more of the same on
 // the other side of the solid, get that label all around, up to what has it already.
 // @param labels  #V of `projected`, changed

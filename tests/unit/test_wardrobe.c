@@ -109,9 +109,48 @@ static void legs_do_not_fall_together(void **state) {
     pc_context_destroy(context);
 }
 
+// One layer of a veil, open at the face; `share` of its length hangs down.
+static pc_mesh veil(pc_context *context, uint32_t columns, uint32_t rows, double wider,
+                    double share) {
+    pc_mesh mesh = test_grid(context, columns, rows, false, false);
+    for (size_t v = 0; v < mesh.vertex_count; ++v) {
+        double *p = &mesh.positions[3 * v];
+        const double angle = 1.4 * SEW_PI * (p[0] - 0.5), down = p[1];
+        const double radius = 0.1 + 0.35 * down;
+        p[2] = (1.0 + 1.6 * wider) * (0.01 * sin(30.0 * p[0]) * down - 0.7 * radius * cos(angle));
+        p[0] = (1.0 + wider) * radius * sin(angle);
+        p[1] = 1.7 - share * (1.3 * down * down + 0.2 * down);
+    }
+    return mesh;
+}
+
+// Where the shorter layer ends the single layer steps down to the longer one: that web reaches
+// around the head, so that the hem lies in all directions from its middle, but it closes no
+// opening. Without it the veil hangs on the two corners of the hem.
+static void layers_of_a_veil_hang_together(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    pc_asset asset = {0};
+    pc_measures m = {0};
+    pc_mesh mesh = veil(context, 30, 24, 0.0, 1.0);
+    sew_add(context, &mesh, veil(context, 22, 14, 0.05, 0.55));
+    run_to_proxy(context, &mesh, &asset, &m);
+    pci_scratch scratch = pci_scratch_begin(context);
+    pci_shape shape = {0};
+    assert_true(pci_find_shape(&scratch, &asset.single_layer, &shape));
+    pci_scratch_end(&scratch);
+    assert_true(shape.boundary_length < 6.5); // 11.6 with the web cut out
+    assert_int_equal(m.components, 1);
+    assert_int_equal(m.boundary_loops, 1);
+    pc_mesh_free(context, &mesh);
+    pc_asset_free(context, &asset);
+    pc_context_destroy(context);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(proxies_are_what_the_garments_are),
+        cmocka_unit_test(layers_of_a_veil_hang_together),
         cmocka_unit_test(legs_do_not_fall_together),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -30,12 +30,14 @@ typedef struct demands {
     double reach;    // least largest distance, in thresholds; less is roughness
     // Of membranes only:
     uint32_t framed; // least number of sectors
-    double backed;   // least share of the area that is not one
+    double at_rims; // least share of the frame: a web from a hem to what is beneath it has one side
+    double backed;  // least share of the area that is not one
 } demands;
 // The distance hardly changes faster than the way, so edges of half the threshold cannot hide a
 // crossing that matters. Coarser ones tell where to look closer, with demands that leave room for
 // what they may miss.
-static const demands of_membranes = {1.0, 1.2, 9, 0.5}, of_candidates = {2.0, 1.0, 3, 0.75};
+static const demands of_membranes = {1.0, 1.2, 9, 0.9, 0.5},
+                     of_candidates = {2.0, 1.0, 3, 0.0, 0.75};
 // The iso-surface closes openings up to two voxels wide; no part of a membrane is farther from the
 // rim than so many voxels.
 static const double widest = 3.0;
@@ -59,6 +61,8 @@ typedef struct region {
     double reach;     // largest distance
     uint32_t sectors; // bit i: in this direction from the centre the region ends at a rim
     uint32_t amid;    // bit i: likewise, but the cloth at that rim lies towards the centre
+    double frame;     // length of its border
+    double at_rims;   // of what of it ends at rims
     bool bordering;   // part of the border of the layer
     bool fringe;      // near the border of the layer
 } region;
@@ -277,9 +281,15 @@ static bool measure_frame(const pci_isoline *o, const pci_rims *rims, double sla
     for (size_t i = 0; i < count; ++i) {
         const frame_point *p = &f.points[i];
         region *r = &regions[of[p->halfedge / 3]];
-        if (mesh->twins[p->halfedge] == PC_INVALID_INDEX) {
-            mark_sector(r, &mesh->positions[3 * (size_t)pci_origin(mesh, p->halfedge)],
-                        &r->sectors);
+        const uint32_t from = pci_origin(mesh, p->halfedge);
+        const uint32_t to = pci_origin(mesh, pci_next(p->halfedge));
+        const double length = sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)from],
+                                                        &mesh->positions[3 * (size_t)to]));
+        const bool ends = mesh->twins[p->halfedge] == PC_INVALID_INDEX;
+        r->frame += length;
+        r->at_rims += ends || p->rim != PC_INVALID_INDEX ? length : 0.0;
+        if (ends) {
+            mark_sector(r, &mesh->positions[3 * (size_t)from], &r->sectors);
             r->bordering = true;
         }
         r->fringe = r->fringe || p->fringe;
@@ -334,7 +344,9 @@ static bool may_go(const region *r, pci_outline_mode mode, double threshold, con
         framed += (r->sectors & ~r->amid) >> i & 1;
     }
     return r->reach > least->reach * threshold &&
-           (mode == PCI_OUTLINE_ALL || (framed >= least->framed && (r->bordering || !r->fringe)));
+           (mode == PCI_OUTLINE_ALL ||
+            (framed >= least->framed && r->at_rims >= least->at_rims * r->frame &&
+             (r->bordering || !r->fringe)));
 }
 
 // The kept triangles by patch: a membrane, or a connected part of the rest. Few of them touch.

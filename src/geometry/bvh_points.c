@@ -136,20 +136,29 @@ double pci_bvh_overlap(const pci_bvh *bvh) {
     return samples > 0 ? (double)query.count / (double)samples : 0.0;
 }
 
-// The result of a finished query.
-static pci_closest found_closest(const closest_query *query) {
-    pci_closest closest = {.triangle = query->triangle};
-    if (query->triangle != PC_INVALID_INDEX) {
-        closest.distance = sqrt(query->distance2);
-        (void)distance2_to(query->bvh->mesh, query->triangle, query->point, closest.barycentric);
+// The result of a query that ended so.
+static pci_closest closest_on(const pc_mesh *mesh, uint32_t triangle, double distance2,
+                              const double barycentric[3]) {
+    pci_closest closest = {.triangle = triangle};
+    if (triangle == PC_INVALID_INDEX) {
+        return closest;
+    }
+    closest.distance = sqrt(distance2);
+    for (size_t c = 0; c < 3; ++c) {
+        closest.barycentric[c] = barycentric[c];
         for (size_t k = 0; k < 3; ++k) {
-            for (size_t c = 0; c < 3; ++c) {
-                closest.point[k] += closest.barycentric[c] *
-                                    pci_bvh_corner(query->bvh->mesh, closest.triangle, c)[k];
-            }
+            closest.point[k] += barycentric[c] * pci_bvh_corner(mesh, triangle, c)[k];
         }
     }
     return closest;
+}
+
+static pci_closest found_closest(const closest_query *query) {
+    double barycentric[3] = {0};
+    if (query->triangle != PC_INVALID_INDEX) {
+        (void)distance2_to(query->bvh->mesh, query->triangle, query->point, barycentric);
+    }
+    return closest_on(query->bvh->mesh, query->triangle, query->distance2, barycentric);
 }
 
 pci_closest pci_bvh_closest(const pci_bvh *bvh, const double point[3], double radius) {
@@ -309,22 +318,22 @@ static float list_triangles(void *user, const pci_bvh_leaf *leaf, const double *
 }
 
 // Leaves out those that are too far away, since the point moved only so far.
-static closest_query look_around(const pci_bvh *bvh, const double point[3],
-                                 const pci_surroundings *around, double way) {
-    closest_query best = {
-        .bvh = bvh, .point = point, .distance2 = INFINITY, .triangle = PC_INVALID_INDEX};
-    double nearest = INFINITY, barycentric[3] = {0};
+static pci_closest look_around(const pci_bvh *bvh, const double point[3],
+                               const pci_surroundings *around, double way) {
+    closest_query best = {.distance2 = INFINITY, .triangle = PC_INVALID_INDEX};
+    double nearest = INFINITY, barycentric[3] = {0}, best_barycentric[3] = {0};
     for (uint32_t i = 0; i < around->count; ++i) {
         if (around->distances[i] - way <= nearest) {
             const double distance2 =
                 distance2_to(bvh->mesh, around->triangles[i], point, barycentric);
             if (is_nearest(&best, around->triangles[i], distance2)) {
                 keep_nearest(&best, around->triangles[i], distance2);
+                memcpy(best_barycentric, barycentric, sizeof(barycentric));
             }
             nearest = sqrt(best.distance2) + ball_slack * around->radius;
         }
     }
-    return best;
+    return closest_on(bvh->mesh, best.triangle, best.distance2, best_barycentric);
 }
 
 pci_closest pci_bvh_closest_moving(const pci_bvh *bvh, const double point[3], double bound,
@@ -332,8 +341,7 @@ pci_closest pci_bvh_closest_moving(const pci_bvh *bvh, const double point[3], do
     // Whatever is within the bound of the point is within this of the old centre.
     const double way = sqrt(pci_squared_distance(point, around->centre));
     if ((bound + way) * (1.0 + ball_slack) <= around->radius) {
-        const closest_query best = look_around(bvh, point, around, way);
-        return found_closest(&best);
+        return look_around(bvh, point, around, way);
     }
     const double radius = (bound + margin) * (1.0 + 4.0 * ball_slack);
     ball_query query = {

@@ -57,7 +57,7 @@ typedef struct problem {
     double cell_size;
     double *v;                // #V by 3
     double *nearest;          // #V by 3, p of equation (1)
-    bool have_nearest;        // from the last iteration
+    uint32_t refreshes;       // of those
     double *last;             // #V by 3, the vertices of the last iteration
     pci_surroundings *around; // #V
     const double *x;          // #V by 3, argument of the two functions below
@@ -88,7 +88,8 @@ static double neighbour_count(const pci_topology *topology, size_t vertex) {
 
 // ---- energy -------------------------------------------------------------------------------------
 
-// p_i. Where p_i was is an upper bound for the new distance. Vertices move less and less.
+// p_i. Where p_i was is an upper bound for the new distance. Vertices move less and less: too many
+// triangles are around the first step.
 static void find_nearest(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const problem *p = user;
@@ -96,10 +97,12 @@ static void find_nearest(void *user, size_t begin, size_t end, uint32_t worker) 
         const double *v = &p->v[3 * i];
         double *nearest = &p->nearest[3 * i], *last = &p->last[3 * i];
         pci_closest closest = {.triangle = PC_INVALID_INDEX};
-        if (p->have_nearest) {
+        if (p->refreshes > 0) {
             const double bound = sqrt(pci_squared_distance(v, nearest)) * (1.0 + 1e-6);
             const double margin = MARGIN_STEPS * sqrt(pci_squared_distance(v, last));
-            closest = pci_bvh_closest_moving(p->bvh, v, bound, margin, &p->around[i]);
+            closest = p->refreshes > 1
+                          ? pci_bvh_closest_moving(p->bvh, v, bound, margin, &p->around[i])
+                          : pci_bvh_closest(p->bvh, v, bound);
         }
         if (closest.triangle == PC_INVALID_INDEX) {
             closest = pci_bvh_closest(p->bvh, v, INFINITY);
@@ -167,7 +170,7 @@ static pc_status refresh(problem *p, double *energy) {
     if (!pci_parallel_while_wanted(p->context, p->count, GRAIN, find_nearest, p)) {
         return pci_fail_cancelled(p->context, stage);
     }
-    p->have_nearest = true;
+    ++p->refreshes;
     p->x = p->v;
     pci_parallel_for(p->context, p->count, SPAN, apply_laplacian, p);
     pci_parallel_for(p->context, p->count, SPAN, measure_energy, p);

@@ -27,11 +27,13 @@
 /// DEVIATIONS of the default solver:
 /// - The paper's losses are 0 for equal weights everywhere, so they reward less motion.
 ///   L_f = sum |u_i(t) - u*_i(t)|^2 mends that, u* the displacement that heat-smoothed weights
-///   and closest-triangle weights (proxycloth/baselines.h) give on average; lambda_f doubles,
-///   whenever slots are taken away, while the garment moves less than `least_motion` of what the
-///   proxy's closest points do. A vertex whose closest point is held follows that point exactly.
-/// - lambda_s doubles in the same way while the edges' mean strain is more than `most_strain` of
-///   what closest-triangle weights give: these hardly stretch where the cloth is one flat sheet.
+///   and closest-triangle weights (proxycloth/baselines.h) give on average. Whenever slots are taken
+///   away, lambda_f becomes as large, up to 16 times, as the garment needs to move `least_motion` of
+///   what the proxy's closest points do: 1 less that ratio falls about with the root of lambda_f.
+///   A vertex whose closest point is held follows that point exactly.
+/// - lambda_s in the same way becomes as large as the edges need to stretch, on average, no more
+///   than `most_strain` of what closest-triangle weights do to them, which hardly stretch one flat
+///   sheet: strain falls about with the sixth root of lambda_s.
 /// - Loose parts that lie upon each other, as pockets, belts and soles do, pass through each other
 ///   when each finds weights of its own. L_l = sum s_i |u_i(t) - u_p(i)(t)|^2 keeps them apart. It
 ///   counts the vertices that have another part, over the same proxy triangles or their neighbours,
@@ -50,7 +52,8 @@
 ///   proxy that moves as one needs none): G + s I in place of their Gram matrix G, as a covariance
 ///   is shrunk (Ledoit, Wolf, "A well-conditioned estimator for large-dimensional covariance
 ///   matrices", 2004). The rotations do not see it, and it takes no pass over the frames. It acts
-///   on the weights less half of those that L_f follows, lest they become too smooth.
+///   on the weights less half of those that L_f follows, lest they become too smooth, and not in
+///   L_s: it would have weights resist stretching that cloth does not do.
 /// - The weights start from those that L_f follows.
 /// - Vertices that an edge shorter than a hundredth of the mean joins have one row of weights: what
 ///   lies between them would be stretched to a multiple by the least difference. The losses of the
@@ -60,7 +63,8 @@
 /// nearest alone may all lie on another layer.
 /// DEVIATION: the weights are cut from k_B candidates to K influences in two steps and optimised
 /// again after each; cutting alone multiplies L_r by about five. The default solver takes away
-/// those that cost least by the second derivatives of the energy.
+/// those that cost least by the second derivatives of the energy, and chooses again, twice, once
+/// the neighbours have chosen.
 /// DEVIATION: AdamW takes 100 epochs of batches at learning rate 0.005 that falls at the end,
 /// instead of 200 at 0.001: the same loss or less in half the time.
 ///

@@ -29,7 +29,7 @@ static const pc_field option_fields[] = {
         "but at most 32"),
     PCI_FIELD_OPTION(pc_skin_options, neighbours, UINT, 8, 1, 32, "",
                      "k_K: spatial neighbours of L_c and L_a"),
-    PCI_FIELD_OPTION(pc_skin_options, lambda_rigid, DOUBLE, 2.0, 0.0, 1000000.0, "",
+    PCI_FIELD_OPTION(pc_skin_options, lambda_rigid, DOUBLE, 3.0, 0.0, 1000000.0, "",
                      "Weight of L_r"),
     PCI_FIELD_OPTION(pc_skin_options, lambda_collision, DOUBLE, 1.0, 0.0, 1000000.0, "",
                      "Weight of L_c"),
@@ -44,12 +44,12 @@ static const pc_field option_fields[] = {
                      "Weight of L_l, loose parts that lie upon each other keep their distance; "
                      "alternate only"),
     PCI_FIELD_OPTION(pc_skin_options, least_motion, DOUBLE, 0.972, 0.0, 1.0, "",
-                     "While the garment moves less than this share of the proxy's motion, "
-                     "lambda_follow is raised; alternate only"),
-    PCI_FIELD_OPTION(pc_skin_options, most_strain, DOUBLE, 0.88, 0.0, 1000000.0, "",
-                     "While edges change their lengths by more than this share of what "
-                     "closest-triangle weights do to them, lambda_stretch is raised; alternate "
-                     "only"),
+                     "lambda_follow is raised, up to 16 times, until the garment moves this "
+                     "share of the proxy's motion; alternate only"),
+    PCI_FIELD_OPTION(pc_skin_options, most_strain, DOUBLE, 0.8, 0.0, 1000000.0, "",
+                     "lambda_stretch is raised, up to 16 times, until edges change their "
+                     "lengths by no more than this share of what closest-triangle weights do to "
+                     "them; alternate only"),
     PCI_FIELD_OPTION(pc_skin_options, motion_noise, DOUBLE, 0.012, 0.0, 1.0, "",
                      "Variance of a noise in the motion of the proxy's vertices, over the mean "
                      "square of how far neighbours move apart, against weights that suit these "

@@ -3,6 +3,7 @@
 #include "stages/skin/skin_alternate.h"
 
 #include "stages/skin/skin_layers.h"
+#include "stages/skin/skin_matrix.h"
 #include "stages/skin/skin_secants.h"
 
 static const char stage[] = "skin";
@@ -33,21 +34,27 @@ static inline void clear_bones(size_t count, const uint32_t *bones, double *pull
     }
 }
 
-// The gradient of the noise in all terms but L_f, for weights of `count` slots: `sums` of the row
-// of a member.
+// The gradient of the noise in all terms but L_f and L_s, for weights of `count` slots: `sums` of
+// the row of a member.
 static void resist_noise(const pci_skin_alternation *a, size_t member, size_t count,
                          const uint32_t *bones, const double *weights, double *pulls,
                          double *sums) {
     const pci_skin_quadratic *q = &a->quadratic;
     const uint32_t *known = &q->known[q->known_offsets[member / PCI_SKIN_GROUP]];
+    const pci_skin_problem *p = a->frames.problem;
     const double noise = a->gram->noise;
-    const size_t v = q->members[member];
+    const size_t v = q->members[member], ring = p->ring_offsets[v + 1] - p->ring_offsets[v];
     const size_t begin = q->offsets[member], end = q->offsets[member + 1];
-    for (size_t e = begin; e < end; ++e) {
+    const double stretch = 4.0 * (pci_skin_ring_scale(a->scale) - a->scale[0]);
+    double diagonal = (double)q->values[begin] - 2.0 * a->follow;
+    for (size_t e = begin + 1; e < end; ++e) {
         const size_t j = known[q->entries[e]];
-        const double m = noise * ((double)q->values[e] - (j == v ? 2.0 * a->follow : 0.0));
-        pull_bones(m, count, &bones[j * count], &weights[j * count], pulls);
+        const double spring = e <= begin + ring ? stretch * pci_skin_stiffness(p, v, j) : 0.0;
+        diagonal -= spring;
+        pull_bones(noise * ((double)q->values[e] + spring), count, &bones[j * count],
+                   &weights[j * count], pulls);
     }
+    pull_bones(noise * diagonal, count, &bones[v * count], &weights[v * count], pulls);
     for (size_t k = 0; k < q->slots; ++k) {
         sums[k] = pulls[q->bones[v * q->slots + k]];
     }

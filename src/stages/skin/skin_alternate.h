@@ -6,7 +6,7 @@
 // which needs no pass over the frames. Nor does the noise of variance s: independent motions of the
 // bones add s I to G and, with the rotations as they are,
 //   s / 2 sum_ij M_ij <w_i - b_i / 2, w_j - b_j / 2>
-// to the energy, M of skin_quadratic.h without L_f.
+// to the energy, M of skin_quadratic.h without L_f and L_s.
 #ifndef PCI_SKIN_ALTERNATE_H
 #define PCI_SKIN_ALTERNATE_H
 

@@ -16,7 +16,10 @@ static const double first_end = 0.15, second_end = 0.6;
 static const double rigid_share = 0.7; // more of its L_r left: L_c gets less weight
 
 static const double held_share = 1e-6; // barycentric coordinates below count as 0
-static const double growth = 2.0;      // of lambda_follow and lambda_stretch, where they adapt
+// What is missing of the motion falls about with the square root of lambda_f, the strain with the
+// sixth root of lambda_s.
+static const double motion_power = 2.0, strain_power = 6.0;
+static const double most_share = 16.0; // of lambda_f and lambda_s
 enum { LEAST_VERTICES = 500 };         // problems of fewer have no smaller one
 
 // What a row keeps in each phase: all candidates, then half of what is too much, then K. Shorter
@@ -115,15 +118,13 @@ static void balance(pci_skin_fit *f, const pci_skin_measures *measures) {
     }
 }
 
-// ... and less where L_r does not fall. True when that changed.
-static bool rebalance(pci_skin_fit *f, const pci_skin_measures *measures) {
+// ... and less where L_r does not fall.
+static void rebalance(pci_skin_fit *f, const pci_skin_measures *measures) {
     double losses[3];
     (void)normalize_losses(f, f->problem.norms, measures, losses);
-    if (losses[0] <= rigid_share * f->rigid_before || f->rigid_before == 0.0) {
-        return false;
+    if (losses[0] > rigid_share * f->rigid_before && f->rigid_before > 0.0) {
+        f->spatial_share *= 0.25;
     }
-    f->spatial_share *= 0.25;
-    return true;
 }
 
 // ---- AdamW --------------------------------------------------------------------------------------
@@ -180,7 +181,7 @@ pc_status pci_skin_fit_adamw(pci_scratch *scratch, pci_skin_fit *f, pc_skin_repo
             status = measure_surrogate(scratch, f, &measures);
             const double total = normalize_losses(f, f->paper_norms, &measures, losses);
             r->full_loss = phase == 0 ? total : r->full_loss;
-            (void)rebalance(f, &measures);
+            rebalance(f, &measures);
         }
     }
     r->spatial_share = f->spatial_share;
@@ -284,20 +285,10 @@ static void start_from_followed(pci_skin_fit *f) {
     }
 }
 
-// The losses are least where nothing moves: L_f counts more while the garment moves too little.
-// Flat cloth hardly stretches where it follows the closest triangle: L_s counts more while the
-// garment stretches nearly as much. `changed` becomes true when either did.
-static pc_status adapt(pci_skin_fit *f, bool *changed) {
-    pci_skin_ratios ratios;
-    if (!pci_skin_compare(f, &ratios)) {
-        return pci_fail_memory(f->context, stage);
-    }
-    const bool still = ratios.motion < f->options->least_motion;
-    const bool stretched = ratios.strain > f->options->most_strain;
-    f->follow_share *= still ? growth : 1.0;
-    f->stretch_share *= stretched ? growth : 1.0;
-    *changed = still || stretched;
-    return PC_OK;
+// How much a lambda counts where what it lowers is `excess` times what is asked for.
+static double adapt_share(double share, double excess, double power) {
+    const double next = share * pow(excess, power);
+    return next > 1.0 ? fmin(next, most_share) : 1.0;
 }
 
 static void normalize_rows(const pci_skin_fit *f) {
@@ -406,26 +397,38 @@ static pc_status solve_coarse(pci_scratch *scratch, pci_skin_fit *c, pci_skin_gr
                : status;
 }
 
-// What is decided before slots are taken away for the first time and whenever they were: whether
-// the garment moves enough and stretches little enough; and, where `balancing`, whether its layers
-// can be held together. `measures`: of these weights.
+// What is decided whenever slots were taken away: whether layers can be held together, how much L_f
+// counts, since the losses are least where nothing moves, and how much L_s, since flat cloth hardly
+// stretches where it follows the closest triangle. `measures`: of the weights before, from the pass
+// over frames that taking slots away needs.
 static pc_status decide(pci_scratch *scratch, pci_skin_fit *f, pci_skin_alternation *a,
-                        bool balancing, const pci_skin_measures *measures) {
-    bool adapted = false;
-    const pc_status status = adapt(f, &adapted);
-    const bool balanced = status == PC_OK && balancing && rebalance(f, measures);
-    return status == PC_OK && (balanced || adapted) ? weigh(scratch, f, a) : status;
+                        const pci_skin_measures *measures) {
+    const double shares[3] = {f->spatial_share, f->follow_share, f->stretch_share};
+    pci_skin_ratios ratios;
+    if (!pci_skin_compare(f, &ratios)) {
+        return pci_fail_memory(f->context, stage);
+    }
+    const double missing = fmax(1.0 - ratios.motion, 0.0) / (1.0 - f->options->least_motion);
+    const double strain = ratios.strain / f->options->most_strain;
+    rebalance(f, measures);
+    f->follow_share = adapt_share(f->follow_share, missing, motion_power);
+    f->stretch_share = adapt_share(f->stretch_share, strain, strain_power);
+    const bool same = f->spatial_share == shares[0] && f->follow_share == shares[1] &&
+                      f->stretch_share == shares[2];
+    return same ? PC_OK : weigh(scratch, f, a);
 }
 
 // Takes slots away so that `kept` are left.
-static pc_status narrow(pci_skin_fit *f, pci_skin_alternation *a, uint32_t kept,
-                        pci_skin_measures *measures) {
-    const pc_status status = pci_skin_alternation_prune(a, kept, f->weights, measures);
-    if (status == PC_OK) {
-        pci_skin_alternation_compact(a, kept, f->bones, f->weights);
-        f->problem.slots = kept;
+static pc_status narrow(pci_scratch *scratch, pci_skin_fit *f, pci_skin_alternation *a,
+                        uint32_t kept) {
+    pci_skin_measures measures = {0};
+    const pc_status status = pci_skin_alternation_prune(a, kept, f->weights, &measures);
+    if (status != PC_OK) {
+        return status;
     }
-    return status;
+    pci_skin_alternation_compact(a, kept, f->bones, f->weights);
+    f->problem.slots = kept;
+    return decide(scratch, f, a, &measures);
 }
 
 static pc_status run_phases(pci_scratch *scratch, pci_skin_fit *f, pci_skin_alternation *a,
@@ -434,22 +437,15 @@ static pc_status run_phases(pci_scratch *scratch, pci_skin_fit *f, pci_skin_alte
     const course c = plan_course(f, first_end, second_end);
     pc_status status = PC_OK;
     for (uint32_t phase = 0; phase < PHASES && status == PC_OK; ++phase) {
-        pci_skin_measures measures = {0};
         if (phase == 1) {
+            pci_skin_measures measures = {0};
             double losses[3];
             status = measure(f, a, PCI_SKIN_SAMPLE, &measures);
             r->full_loss = normalize_losses(f, f->paper_norms, &measures, losses);
             pci_skin_frames_use(&a->frames, &f->problem);
-            if (status == PC_OK) {
-                status = decide(scratch, f, a, false, &measures);
-            }
         }
         if (phase > 0 && status == PC_OK) {
-            // The pass over frames before slots are taken away also measures.
-            status = narrow(f, a, c.widths[phase], &measures);
-        }
-        if (phase > 0 && status == PC_OK) {
-            status = decide(scratch, f, a, true, &measures);
+            status = narrow(scratch, f, a, c.widths[phase]);
         }
         // All candidates take the most memory, and few rounds are not helped by a second step.
         a->remembered = phase == 0 && first_rounds < o->rounds ? 1 : PCI_SKIN_SECANTS;

@@ -6,6 +6,8 @@
 #include "stages/skin/skin_matrix.h"
 #include "stages/skin/skin_simplex.h"
 
+enum { TRIAL_SWEEPS = 2 }; // that choose the slots anew before the others are taken away
+
 static const double ridge_share = 1e-9; // of the trace of a block, keeps it definite
 
 // Largest numbers of what a group needs.
@@ -121,7 +123,7 @@ typedef struct sweep_job {
     float *moved;           // w - w0
     double *weights;
     uint32_t kept;     // slots to keep, or 0
-    uint32_t *allowed; // of the quadratic, if slots are taken away
+    uint32_t *allowed; // of the quadratic, if slots are taken away for good
 } sweep_job;
 
 static inline void fetch(const void *memory, size_t size) {
@@ -494,7 +496,9 @@ minimize_row(const sweep_job *job, size_t row, const size_t width, pci_skin_grou
     }
     while (job->kept > 0 && r.count > job->kept) {
         const uint32_t out = pci_simplex_least(r.count, r.a, r.ridge, r.weights);
-        job->allowed[v] &= ~((uint32_t)1 << r.slots[out]);
+        if (job->allowed != NULL) {
+            job->allowed[v] &= ~((uint32_t)1 << r.slots[out]);
+        }
         move_slot(job, row, r.slots[out], 0.0, g);
         drop_slot(&r, out);
         pci_simplex_minimize(r.count, r.a, r.ridge, r.weights, r.gradient);
@@ -573,11 +577,9 @@ void pci_skin_quadratic_sweep(const pci_skin_quadratic *q, float *const *gradien
 
 void pci_skin_quadratic_prune(const pci_skin_quadratic *q, float *const *gradient, uint32_t kept,
                               uint32_t *allowed, float *moved, double *weights) {
-    sweep_job job = {.q = q,
-                     .gradient = gradient,
-                     .moved = moved,
-                     .weights = weights,
-                     .kept = kept,
-                     .allowed = allowed};
+    sweep_job job = {
+        .q = q, .gradient = gradient, .moved = moved, .weights = weights, .kept = kept};
+    run_sweeps(&job, TRIAL_SWEEPS);
+    job.allowed = allowed;
     run_sweeps(&job, 1);
 }

@@ -57,7 +57,7 @@ typedef struct pci_skin_quadratic {
     atomic_uint *finished; // #groups: sweeps that are done
     size_t *known_offsets; // #groups + 1
     uint32_t *known;       // the vertices of each group in order, then their neighbours
-    size_t *offsets;       // #V + 1: rows of M by member, the diagonal is the first entry
+    size_t *offsets;       // #V + 1: rows of M by member: the diagonal, the ring, all others
     uint32_t *entries;     // places among the vertices that the group knows
     float *values;
     const double *gram;      // G, #P width by #P width
@@ -98,9 +98,10 @@ void pci_skin_quadratic_use(pci_skin_quadratic *quadratic, uint32_t slots);
 void pci_skin_quadratic_sweep(const pci_skin_quadratic *quadratic, float *const *gradient,
                               uint32_t sweeps, float *moved, double *weights);
 
-// A sweep that takes slots away until each row has `kept`: the one whose loss costs least while the
+// Sweeps that take slots away until each row has `kept`: the one whose loss costs least while the
 // other slots of the row adapt, by the second derivatives (Hassibi, Stork, "Optimal brain surgeon",
-// 1993). Clears their bits in `allowed`, which is the array of the quadratic.
+// 1993). A row is visited several times and may choose other slots when its neighbours have chosen
+// theirs. Clears the bits of those it loses in `allowed`, which is the array of the quadratic.
 void pci_skin_quadratic_prune(const pci_skin_quadratic *quadratic, float *const *gradient,
                               uint32_t kept, uint32_t *allowed, float *moved, double *weights);
 

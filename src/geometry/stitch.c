@@ -10,6 +10,8 @@ enum { most_near = 64, most_notches = 4, grain = 256 };
 
 // What lies farther from an edge than this share of its length does not lie on it.
 static const double most_aside = 0.05;
+// The least share of a cut edge that has another edge beside it.
+static const double least_seam = 0.5;
 
 typedef struct place {
     const double *position;
@@ -146,8 +148,8 @@ static bool is_shared(const uint64_t *keys, size_t count, uint64_t key) {
     return low + 1 < count && keys[low + 1] == key;
 }
 
-// Keeps the notches beside pieces that another edge of the border has, too: where borders only meet
-// in a point there is no seam. False: out of memory.
+// Keeps the notches of edges whose pieces other edges of the border have, too: where borders only
+// meet, and where something narrow ends on an edge, there is no seam. False: out of memory.
 static bool keep_seams(pci_scratch *scratch, const stitching *s, notch *notches, size_t *count) {
     const uint32_t *corner = s->mesh->triangles;
     uint64_t *keys = PCI_SCRATCH(scratch, uint64_t, s->half_count + *count);
@@ -174,14 +176,23 @@ static bool keep_seams(pci_scratch *scratch, const stitching *s, notch *notches,
     if (!pci_sort_keys(scratch->context, pieces, sorted, NULL)) {
         return false;
     }
-    for (uint32_t h = 0, n = 0, piece = 0; h < 3 * s->mesh->triangle_count; ++h) {
-        for (; n < *count && notches[n].half == h; ++n, ++piece) {
-            if (is_shared(sorted, pieces, keys[piece]) ||
-                is_shared(sorted, pieces, keys[piece + 1])) {
-                notches[kept++] = notches[n];
-            }
+    for (size_t n = 0, next = 0, piece = 0, at = 0; n < *count; n = next) {
+        for (; at < notches[n].half; ++at) {
+            piece += border[at];
         }
-        piece += border[h];
+        double seam = 0.0, from = 0.0;
+        while (next < *count && notches[next].half == at) {
+            ++next;
+        }
+        for (size_t i = n; i <= next; ++i, ++piece) {
+            const double to = i < next ? notches[i].share : 1.0;
+            seam += is_shared(sorted, pieces, keys[piece]) ? to - from : 0.0;
+            from = to;
+        }
+        for (size_t i = n; i < next && seam >= least_seam; ++i) {
+            notches[kept++] = notches[i];
+        }
+        ++at;
     }
     *count = kept;
     return true;

@@ -154,6 +154,14 @@ static void leaves_the_rest(void **state) {
     sew_add(context, &sheet, other);
     assert_false(stitch(context, &sheet, &whole, &shape));
     pc_mesh_free(context, &sheet);
+
+    // A cord on an edge.
+    sheet = test_sheet(context, 3, 2, 1.0, 1.0);
+    other = test_sheet(context, 1, 5, 0.1, 1.0);
+    sew_move(&other, 0.4, 1.0, 0.0);
+    sew_add(context, &sheet, other);
+    assert_false(stitch(context, &sheet, &whole, &shape));
+    pc_mesh_free(context, &sheet);
     pc_context_destroy(context);
 }
 

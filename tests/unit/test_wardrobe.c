@@ -147,10 +147,35 @@ static void layers_of_a_veil_hang_together(void **state) {
     pc_context_destroy(context);
 }
 
+// A strip that is wound around a leg is one tube, not a spiral.
+static void wound_strips_are_sheets(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    pc_asset asset = {0};
+    pc_measures m = {0};
+    pc_mesh mesh = test_grid(context, 2, 180, false, false);
+    for (size_t v = 0; v < mesh.vertex_count; ++v) {
+        double *p = &mesh.positions[3 * v];
+        const double angle = 2.0 * SEW_PI * 9.0 * p[1], radius = 0.045 + 0.02 * p[1] + 0.003 * p[0];
+        p[1] = 0.4 * p[1] + 0.065 * (p[0] - 0.5);
+        p[0] = radius * sin(angle);
+        p[2] = radius * cos(angle);
+    }
+    run_to_proxy(context, &mesh, &asset, &m);
+    assert_int_equal(m.components, 1);
+    assert_int_equal(m.boundary_loops, 2);
+    assert_true(m.hausdorff < 0.03); // 0.09 for a spiral
+    assert_true(m.doubled_area < 0.01);
+    pc_mesh_free(context, &mesh);
+    pc_asset_free(context, &asset);
+    pc_context_destroy(context);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(proxies_are_what_the_garments_are),
         cmocka_unit_test(layers_of_a_veil_hang_together),
+        cmocka_unit_test(wound_strips_are_sheets),
         cmocka_unit_test(legs_do_not_fall_together),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

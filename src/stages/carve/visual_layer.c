@@ -3,6 +3,7 @@
 #include <stdatomic.h>
 
 #include "core/core.h"
+#include "geometry/hems.h"
 #include "geometry/manifold.h"
 #include "geometry/stitch.h"
 #include "geometry/topology.h"
@@ -19,6 +20,9 @@ enum { grain = 256, most_near = 512 };
 static const double plain_share = 0.02;
 // What lies in layers for the most part is wanted as one layer, however it was folded.
 static const double most_folded_share = 0.15;
+// Nor may other cloth go on before more of the border: a strip that is wound around something is
+// wanted as one sheet, too.
+static const double most_wound_share = 0.7;
 // What is worn over something else hangs at most so many voxels away from it; so much of the
 // garment must be near what is sewn together.
 static const double sewing_voxels = 4.0, least_covered = 0.99;
@@ -139,6 +143,28 @@ static pci_layering classify(probe *p) {
     return back <= most_folded_share * area ? PCI_FOLDED : PCI_LAYERED;
 }
 
+// Whether cloth goes on before most of the border of a layer. False: out of memory, or cancelled.
+static bool is_wound(pci_scratch *scratch, const pc_mesh *layer, const pci_topology *edges,
+                     const pci_bvh *bvh, double reach, bool *wound) {
+    pci_hems hems;
+    double length = 0.0, open = 0.0;
+    if (!pci_find_hems(scratch, layer, edges, bvh, reach, &hems)) {
+        return false;
+    }
+    for (size_t i = 0; i < hems.count; ++i) {
+        open += sqrt(pci_squared_distance(&hems.points[6 * i], &hems.points[6 * i + 3]));
+    }
+    for (size_t e = 0; e < edges->edge_count; ++e) {
+        if (edges->edge_triangle_offsets[e + 1] - edges->edge_triangle_offsets[e] == 1) {
+            const uint32_t *ends = &edges->edges[2 * e];
+            length += sqrt(pci_squared_distance(&layer->positions[3 * (size_t)ends[0]],
+                                                &layer->positions[3 * (size_t)ends[1]]));
+        }
+    }
+    *wound = open < (1.0 - most_wound_share) * length;
+    return true;
+}
+
 // @param reach  at least this `share` of the vertices of `surface` must be so near to the layer
 // @param edges  of `layer`, or NULL
 // @param seen   receives what each triangle sees behind and before it within a voxel (#F by 2), or
@@ -169,10 +195,12 @@ static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh 
     }
     p.bvh = bvh;
     cover_job cover = {bvh, surface, reach + thickness, missed};
+    bool wound = false;
     const bool done =
         pci_parallel_while_wanted(context, layer->triangle_count, grain, look_around, &p) &&
         (atomic_load(&p.touches) ||
-         pci_parallel_while_wanted(context, surface->vertex_count, grain, find_missed, &cover));
+         (pci_parallel_while_wanted(context, surface->vertex_count, grain, find_missed, &cover) &&
+          is_wound(scratch, layer, edges, bvh, cell_size, &wound)));
     pci_bvh_destroy(context, bvh);
     if (!done) {
         return pci_fail_memory(context, stage);
@@ -185,7 +213,7 @@ static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh 
         missed_count += missed[v];
     }
     *layering = classify(&p);
-    if ((double)missed_count > (1.0 - share) * (double)surface->vertex_count) {
+    if (wound || (double)missed_count > (1.0 - share) * (double)surface->vertex_count) {
         *layering = PCI_LAYERED;
     }
     return PC_OK;

@@ -28,8 +28,8 @@
 ///   and it to them, with weight on the largest distances; no vertex goes farther than .15 wanted
 ///   edge lengths from it, which is what a tube of three edges around needs. Edges that bridge a
 ///   fold flip into it, and vertices around what is farthest from the faces at last, by more than
-///   .2 expected edge lengths, slide along the surface or the border to bring it nearer, onto
-///   ridges and into bends of hems, unless that leaves angles below 34 degrees.
+///   .2 expected edge lengths (.14 at borders), slide along the surface or the border to bring it
+///   nearer, onto ridges and into bends of hems, unless that leaves angles below 34 degrees.
 /// - Triangles with an angle below 36 degrees are treated one by one: their vertices search better
 ///   places, edges collapse, and the longest ones elsewhere are split instead. So sleeves stay
 ///   tubes of at least three edges around, and straps become strips one triangle wide. What is

@@ -156,7 +156,8 @@ static void find_residuals(void *user, size_t begin, size_t end, uint32_t worker
 }
 
 // Each vertex is pulled by the residuals of the samples around it, weighted by their squares: a
-// step towards the least sum of fourth powers, which minds the largest deviations.
+// step towards the least sum of fourth powers, which minds the largest deviations. On borders it is
+// third powers: fourth ones leave the hem farther away on average, and no less at most.
 static void sum_pulls(fitting *f) {
     const pci_halfedge *coarse = f->relaxation->coarse;
     memset(f->pulls, 0, 3 * coarse->vertex_count * sizeof(*f->pulls));
@@ -173,8 +174,9 @@ static void sum_pulls(fitting *f) {
             if (!on_border && pci_is_border_vertex(coarse, (uint32_t)v)) {
                 continue; // a hem follows the hem only
             }
-            const double share = on_border ? f->arcs[s] : (double)f->stride * f->areas[s];
-            const double w = share * f->squared[s] * f->barycentric[3 * s + c];
+            const double share = on_border ? f->arcs[s] * sqrt(f->squared[s])
+                                           : (double)f->stride * f->areas[s] * f->squared[s];
+            const double w = share * f->barycentric[3 * s + c];
             f->pull_weights[v] += w;
             for (size_t k = 0; k < 3; ++k) {
                 f->pulls[3 * v + k] += w * f->residuals[3 * s + k];
@@ -332,12 +334,13 @@ static void limit_distance(const pci_relaxation *r, uint32_t v, double spacing) 
 
 // Moves a vertex unless that spoils its triangles.
 static void move_vertex(const fitting *f, uint32_t v, double spacing) {
-    static const double good = 0.65, slide_share = 0.3;
+    static const double good = 0.65, slide_share = 0.3, held_share = 0.2;
     const pci_relaxation *r = f->relaxation;
     double *at = &r->coarse->positions[3 * (size_t)v];
     const double start[3] = {at[0], at[1], at[2]};
-    // Even triangles would turn the rings of a tube to a zigzag.
-    const double slide = r->pinned[v] == PCI_RINGED ? 0.5 * slide_share : slide_share;
+    // Even triangles would turn the rings of a tube to a zigzag and draw borders off their bends.
+    const bool held = r->pinned[v] == PCI_RINGED || pci_is_border_vertex(r->coarse, v);
+    const double slide = held ? held_share : slide_share;
     double step[3];
     sliding_step(r, v, step);
     for (size_t k = 0; k < 3; ++k) {
@@ -513,8 +516,9 @@ static bool chase_outlier(const fitting *f, const sample_lists *lists, uint32_t 
 // ridges, and borders their bends.
 static bool chase_outliers(pci_scratch *scratch, fitting *f, const uint32_t *nearby,
                            double spacing) {
-    // In expected edge lengths, and as a share of the largest squared distance.
-    static const double outlying = 0.2, near_most = 0.4;
+    // In expected edge lengths, on borders and elsewhere, and as a share of the largest squared
+    // distance.
+    static const double off_border = 0.14, outlying = 0.2, near_most = 0.4;
     // Farther away are sides that have fallen together: other clusters part them, not this.
     static const double fallen = 0.5;
     const pci_relaxation *r = f->relaxation;
@@ -540,8 +544,9 @@ static bool chase_outliers(pci_scratch *scratch, fitting *f, const uint32_t *nea
             break;
         }
         const double limit = fmax(outlying * outlying * spacing * spacing, near_most * most);
+        const double border_limit = off_border * off_border * spacing * spacing;
         for (size_t s = 0; s < r->fine->vertex_count; ++s) {
-            if (counts(f, s) && f->squared[s] > limit) {
+            if (counts(f, s) && f->squared[s] > (f->arcs[s] > 0.0 ? border_limit : limit)) {
                 for (size_t c = 0; c < 3; ++c) {
                     asked[coarse->corners[3 * (size_t)triangle_of(f, s) + c]] = 1;
                 }

@@ -279,7 +279,7 @@ static bool inside_tube(const work *w, uint32_t vertex, double thickness) {
                 direction[k] = side * (cos(angle) * x[k] + sin(angle) * y[k]);
             }
             const pci_hit hit =
-                pci_bvh_cast(w->bvh, middle, direction, 0.0, limit, accept_hit, &filter);
+                pci_bvh_cast(w->bvh, middle, direction, 0.0, limit - width, accept_hit, &filter);
             width += hit.triangle != PC_INVALID_INDEX ? hit.distance : limit;
         }
         if (width < limit) {
@@ -289,11 +289,28 @@ static bool inside_tube(const work *w, uint32_t vertex, double thickness) {
     return false;
 }
 
+// The corners of a triangle that are near and face the other way; returns their number.
+static size_t list_opposites(const work *w, size_t v, uint32_t triangle, uint32_t found[3]) {
+    const double reach = w->options->opposite_reach * w->cell_size;
+    size_t count = 0;
+    for (size_t c = 0; c < 3; ++c) {
+        const uint32_t other = w->mesh->triangles[3 * (size_t)triangle + c];
+        const double square = pci_squared_distance(&w->mesh->positions[3 * v],
+                                                   &w->mesh->positions[3 * (size_t)other]);
+        const double cosine = pci_dot(&w->normals[3 * v], &w->normals[3 * (size_t)other]);
+        if (square < reach * reach && cosine < -1.0 + w->options->opposite_epsilon) {
+            found[c] = other;
+            ++count;
+        }
+    }
+    return count;
+}
+
 static void find_opposites(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
     const work *w = user;
-    const double reach = w->options->opposite_reach * w->cell_size;
     const double outward = w->options->outward_offset * w->cell_size;
+    const double inward = w->options->inward_offset * w->cell_size;
     for (size_t v = begin; v < end; ++v) {
         const double *normal = &w->normals[3 * v];
         uint32_t *found = &w->found[3 * v];
@@ -306,20 +323,11 @@ static void find_opposites(void *user, size_t begin, size_t end, uint32_t worker
         if (up.triangle != PC_INVALID_INDEX) {
             w->outer_distances[v] = outward + up.distance;
         }
-        const pci_hit down = cast(w, (uint32_t)v, w->options->inward_offset * w->cell_size, true);
-        const double inward = w->options->inward_offset * w->cell_size;
-        if (down.triangle == PC_INVALID_INDEX ||
+        const pci_hit down = cast(w, (uint32_t)v, inward, true);
+        // Tubes take the most rays: few are asked about.
+        if (down.triangle != PC_INVALID_INDEX && list_opposites(w, v, down.triangle, found) > 0 &&
             inside_tube(w, (uint32_t)v, down.distance - inward)) {
-            continue;
-        }
-        for (size_t c = 0; c < 3; ++c) {
-            const uint32_t other = w->mesh->triangles[3 * (size_t)down.triangle + c];
-            const double square = pci_squared_distance(&w->mesh->positions[3 * v],
-                                                       &w->mesh->positions[3 * (size_t)other]);
-            if (square < reach * reach && pci_dot(normal, &w->normals[3 * (size_t)other]) <
-                                              -1.0 + w->options->opposite_epsilon) {
-                found[c] = other;
-            }
+            found[0] = found[1] = found[2] = PC_INVALID_INDEX;
         }
     }
 }

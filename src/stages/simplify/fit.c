@@ -373,11 +373,11 @@ static void flip_into_fold(const pci_relaxation *r, uint32_t h, double spacing) 
         return;
     }
     const uint32_t g = coarse->twins[h];
-    const double straying =
-        pci_relax_straying(r, pci_origin(coarse, h), pci_target(coarse, h), false);
+    const double straying = pci_relax_straying(r, pci_origin(coarse, h), pci_target(coarse, h),
+                                               false, bridging * spacing);
     if (straying < bridging * spacing ||
         pci_relax_straying(r, coarse->corners[pci_previous(h)], coarse->corners[pci_previous(g)],
-                           false) > nearer * straying ||
+                           false, 0.0) > nearer * straying ||
         !pci_can_flip(coarse, h)) {
         return;
     }

@@ -81,15 +81,15 @@ static void put(pci_relaxation *r, uint32_t v, const place *p) {
     memcpy(&r->coarse->positions[3 * (size_t)v], p->point, sizeof(p->point));
 }
 
-// The largest of the edges around v.
-static double straying(const pci_relaxation *r, uint32_t v) {
+// The largest of the edges around v, or `least`.
+static double straying(const pci_relaxation *r, uint32_t v, double least) {
     const pci_halfedge *coarse = r->coarse;
-    double most = 0.0;
+    double most = least;
     PCI_FOR_OUTGOING(coarse, v, h) {
         const uint32_t b = pci_target(coarse, h), c = coarse->corners[pci_previous(h)];
-        most = fmax(most, pci_relax_straying(r, v, b, coarse->twins[h] == PC_INVALID_INDEX));
+        most = fmax(most, pci_relax_straying(r, v, b, coarse->twins[h] == PC_INVALID_INDEX, most));
         if (coarse->twins[pci_previous(h)] == PC_INVALID_INDEX) {
-            most = fmax(most, pci_relax_straying(r, v, c, true));
+            most = fmax(most, pci_relax_straying(r, v, c, true, most));
         }
     }
     return most;
@@ -106,7 +106,7 @@ static bool edge_strays(const pci_relaxation *r, uint32_t a, uint32_t b, bool bo
            pci_relax_distance(r, b, middle, border) > limit;
 }
 
-// Whether straying() is more than `limit`.
+// Whether straying(), without the edge to `other`, is more than `limit`.
 static bool strays(const pci_relaxation *r, uint32_t v, uint32_t other, double limit) {
     const pci_halfedge *coarse = r->coarse;
     PCI_FOR_OUTGOING(coarse, v, h) {
@@ -158,7 +158,7 @@ static void reposition(const improvement *m, uint32_t v) {
         return;
     }
     bool moved = false;
-    const double allowed = fmax(straying(r, v), farthest * m->spacing);
+    const double allowed = straying(r, v, farthest * m->spacing);
     for (size_t level = 0; level < PCI_EFFORT(4, 1); ++level, step *= 0.5) {
         const place start = place_of(r, v);
         place better = start;

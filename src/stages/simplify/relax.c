@@ -174,12 +174,14 @@ double pci_relax_distance(const pci_relaxation *r, uint32_t v, const double poin
     return sqrt(pci_squared_distance(nearest, point));
 }
 
-double pci_relax_straying(const pci_relaxation *r, uint32_t a, uint32_t b, bool border) {
+double pci_relax_straying(const pci_relaxation *r, uint32_t a, uint32_t b, bool border,
+                          double enough) {
     double middle[3];
     for (size_t k = 0; k < 3; ++k) {
         middle[k] = 0.5 * (coarse_point(r, a)[k] + coarse_point(r, b)[k]);
     }
-    return fmin(pci_relax_distance(r, a, middle, border), pci_relax_distance(r, b, middle, border));
+    const double distance = pci_relax_distance(r, a, middle, border);
+    return distance < enough ? distance : fmin(distance, pci_relax_distance(r, b, middle, border));
 }
 
 void pci_relax_place(pci_relaxation *r) {

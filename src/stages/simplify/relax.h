@@ -37,8 +37,10 @@ void pci_relax_nearest_of(const pci_relaxation *relaxation, const uint32_t *vert
 // The distance to what the first one finds.
 double pci_relax_distance(const pci_relaxation *relaxation, uint32_t v, const double point[3],
                           bool border);
-// How far the middle between two coarse vertices is from the fine surface or border, by that.
-double pci_relax_straying(const pci_relaxation *relaxation, uint32_t a, uint32_t b, bool border);
+// How far the middle between two coarse vertices is from the fine surface or border, by that; any
+// distance below `enough` as soon as one is.
+double pci_relax_straying(const pci_relaxation *relaxation, uint32_t a, uint32_t b, bool border,
+                          double enough);
 // Sum of the fine normals at the feet of three coarse vertices: where their triangle should look.
 void pci_relax_facing(const pci_relaxation *relaxation, uint32_t a, uint32_t b, uint32_t c,
                       double facing[3]);

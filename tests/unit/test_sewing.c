@@ -1,6 +1,8 @@
 // Garments that are worn over each other: what is cut away and what is sewn together.
 #include "support/test.h"
 
+#include "geometry/manifold.h"
+#include "proxycloth/carve.h"
 #include "stages/carve/sewing.h"
 #include "support/manifold.h"
 #include "support/memory.h"
@@ -69,6 +71,38 @@ static void sews_a_shirt_to_trousers(void **state) {
     pc_context_destroy(context);
 }
 
+// Trousers and a shirt that is buttoned up become one tube where the labels bridge a gap, and the
+// front is closed.
+static void closes_the_front_of_a_shirt(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    pci_scratch scratch = pci_scratch_begin(context);
+    pc_mesh visual = outfit(context, 0.05, true), layer = {0};
+    pc_mesh skin = test_tube(context, 48, 40, 0.55, 2.0);
+    pc_labels labels = {skin.vertex_count, PCI_ALLOCATE(context, uint8_t, skin.vertex_count)};
+    assert_non_null(labels.labels);
+    memset(labels.labels, 1, skin.vertex_count);
+    for (size_t v = 0; v < skin.vertex_count; ++v) {
+        double *p = &skin.positions[3 * v];
+        const double share = p[1] > 0.2 && p[1] < 0.8 && p[0] > 0.3 ? 1.5 : 1.0;
+        p[0] *= share, p[2] *= share;
+    }
+    pc_carve_report report = {0};
+    pci_shape found;
+    assert_ok(context, pc_carve(context, &visual, &skin, &labels, 0.1, NULL, &layer, &report));
+    assert_int_equal(report.source, PC_LAYER_VISUAL);
+    assert_int_equal(report.components, 1);
+    assert_int_equal(report.boundary_loops, 2);
+    assert_true(pci_find_shape(&scratch, &layer, &found));
+    assert_close(found.boundary_length, 2.0 * acos(-1.0) * 1.05, 0.1);
+    pc_mesh_free(context, &layer);
+    pc_labels_free(context, &labels);
+    pc_mesh_free(context, &skin);
+    pc_mesh_free(context, &visual);
+    pci_scratch_end(&scratch);
+    pc_context_destroy(context);
+}
+
 static void leaves_other_things_alone(void **state) {
     (void)state;
     pc_context *context = test_context(2);
@@ -117,6 +151,7 @@ static void survives_a_lack_of_memory(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(sews_a_shirt_to_trousers),
+        cmocka_unit_test(closes_the_front_of_a_shirt),
         cmocka_unit_test(leaves_other_things_alone),
         cmocka_unit_test(survives_a_lack_of_memory),
     };

@@ -2,9 +2,10 @@
 #include "support/test.h"
 
 #include "geometry/halfedge.h"
+#include "geometry/manifold.h"
+#include "geometry/notches.h"
 #include "proxycloth/evaluate.h"
 #include "proxycloth/pipeline.h"
-#include "stages/simplify/notches.h"
 #include "support/proxy_shape.h"
 #include "support/surfaces.h"
 
@@ -178,6 +179,50 @@ static void only_narrow_and_shallow_notches_are_filled(void **state) {
     pc_context_destroy(context);
 }
 
+// What the border of a skirt is shorter by when slits are closed within `reach`.
+static double shortened(pc_context *context, double depth, double mouth, double reach) {
+    pci_scratch scratch = pci_scratch_begin(context);
+    pci_shape before, after;
+    pc_mesh skirt = slit_skirt(context, depth, mouth);
+    assert_true(pci_find_shape(&scratch, &skirt, &before));
+    assert_true(pci_close_slits(&scratch, reach, &skirt));
+    assert_true(pci_find_shape(&scratch, &skirt, &after));
+    const shape found = check_manifold(context, &skirt);
+    assert_int_equal(found.components, 1);
+    assert_int_equal(found.loops, 2);
+    assert_int_equal(found.euler, 0);
+    pc_mesh_free(context, &skirt);
+    pci_scratch_end(&scratch);
+    return before.boundary_length - after.boundary_length;
+}
+
+// Both sides may touch, or lie over each other, and be closer than the edges are long.
+static void slits_are_closed_where_their_sides_are_close(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    static const double mouths[] = {0.02, 1e-9, -0.02};
+    for (size_t i = 0; i < 3; ++i) {
+        assert_close(shortened(context, 0.4, mouths[i], 0.021), 0.8, 0.03);
+    }
+    // Half as far, where the sides are half as far from each other.
+    const double half = shortened(context, 0.4, 0.1, 0.05);
+    assert_true(half > 0.25 && half < 0.45);
+    assert_true(shortened(context, 0.1, 0.1, 1.0) == 0.0); // a neckline
+    // A tongue, and a tube whose opening is narrow, keep theirs.
+    pc_mesh tongue = test_sheet(context, 2, 8, 0.04, 0.4),
+            tube = test_tube(context, 12, 20, 0.03, 1.0);
+    pc_mesh *meshes[] = {&tongue, &tube};
+    for (size_t i = 0; i < 2; ++i) {
+        pci_scratch scratch = pci_scratch_begin(context);
+        const size_t before = meshes[i]->triangle_count;
+        assert_true(pci_close_slits(&scratch, 0.1, meshes[i]));
+        assert_int_equal(meshes[i]->triangle_count, before);
+        pc_mesh_free(context, meshes[i]);
+        pci_scratch_end(&scratch);
+    }
+    pc_context_destroy(context);
+}
+
 // A square with a narrow strip folded up by 100 degrees.
 static pc_mesh turned_up_hem(pc_context *context, double width) {
     enum { columns = 40, flat = 30 };
@@ -291,6 +336,7 @@ int main(void) {
         cmocka_unit_test(cloths_keep_their_corners),
         cmocka_unit_test(shallow_slits_are_closed),
         cmocka_unit_test(only_narrow_and_shallow_notches_are_filled),
+        cmocka_unit_test(slits_are_closed_where_their_sides_are_close),
         cmocka_unit_test(edges_lie_in_folds),
         cmocka_unit_test(edges_follow_ridges),
         cmocka_unit_test(slits_are_cut_open),

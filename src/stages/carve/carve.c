@@ -66,8 +66,6 @@ const pc_record pc_carve_report_record = PCI_RECORD(report_fields, pc_carve_repo
 static const double least_coverage = 0.99;
 // So much of a layer's area may bridge gaps.
 static const double most_bridges = 0.005;
-// What is taken instead may have so many times the boundary: a front that opens has more.
-static const double most_boundary = 1.35;
 // An outfit has a few parts that are worn over each other; patterns have more panels.
 static const size_t most_parts = 6;
 // Small parts farther than this from the others are loose parts of the garment, not crumbs.
@@ -404,8 +402,7 @@ static pc_status take_visual(const carve_job *job, uint64_t filled, pc_mesh *vis
 }
 
 // Where the labelled layer bridges gaps, as between two legs, or is torn, the cloth made one sheet
-// is taken if that has the shape that the labels say, or fewer parts, and no front is open that
-// they closed.
+// is taken if that has the shape that the labels say, or fewer parts.
 static pc_status try_tailoring(const carve_job *job, const pci_shape *shape, pc_mesh *layer,
                                pc_carve_report *report, bool *taken) {
     pci_scratch *scratch = job->scratch;
@@ -424,8 +421,7 @@ static pc_status try_tailoring(const carve_job *job, const pci_shape *shape, pc_
     const bool alike = tailored.components == shape->components &&
                        tailored.boundary_loops == shape->boundary_loops;
     *taken = status == PC_OK && sewn.triangle_count > 0 &&
-             (alike || tailored.components < shape->components) &&
-             tailored.boundary_length <= most_boundary * shape->boundary_length;
+             (alike || tailored.components < shape->components);
     if (*taken) {
         status = measure(job, &sewn, &tailored, &other);
     }

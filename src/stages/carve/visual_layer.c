@@ -5,6 +5,7 @@
 #include "core/core.h"
 #include "geometry/hems.h"
 #include "geometry/manifold.h"
+#include "geometry/notches.h"
 #include "geometry/stitch.h"
 #include "geometry/topology.h"
 #include "stages/carve/hidden.h"
@@ -23,6 +24,8 @@ static const double most_folded_share = 0.15;
 // Nor may other cloth go on before more of the border: a strip that is wound around something is
 // wanted as one sheet, too.
 static const double most_wound_share = 0.7;
+// Linings are what takes more than this share of the layers along.
+static const double least_lined = 0.5;
 // What is worn over something else hangs at most so many voxels away from it; so much of the
 // garment must be near what is sewn together.
 static const double sewing_voxels = 4.0, least_covered = 0.99;
@@ -34,6 +37,8 @@ enum { facing_first = 64, facing_stride = 8 };
 static const double smallest_opening = 3.0;
 // Vertices so near to the edge of another triangle lie on it, in voxels.
 static const double stitch_voxels = 0.005;
+// Fronts whose sides are so near to each other are closed, in voxels.
+static const double front_voxels = 1.0;
 // Thicker shells are solids, in voxels.
 static const double thickest_shell = 4.0;
 
@@ -126,7 +131,8 @@ static bool all_open(pci_scratch *scratch, const pc_mesh *mesh, const pci_topolo
     return all;
 }
 
-static pci_layering classify(probe *p) {
+// @param doubled  receives the share of the area that sees another sheet, if nothing touches
+static pci_layering classify(probe *p, double *doubled) {
     double area = 0.0, back = 0.0, front = 0.0;
     for (size_t t = 0; t < p->mesh->triangle_count; ++t) {
         const double a = pci_triangle_area(p->mesh, t);
@@ -137,7 +143,8 @@ static pci_layering classify(probe *p) {
     if (atomic_load(&p->touches)) {
         return PCI_LAYERED;
     }
-    if (back + front <= plain_share * area) {
+    *doubled = area > 0.0 ? (back + front) / area : 0.0;
+    if (*doubled <= plain_share) {
         return PCI_PLAIN;
     }
     return back <= most_folded_share * area ? PCI_FOLDED : PCI_LAYERED;
@@ -167,12 +174,13 @@ static bool is_wound(pci_scratch *scratch, const pc_mesh *layer, const pci_topol
 
 // @param reach  at least this `share` of the vertices of `surface` must be so near to the layer
 // @param edges  of `layer`, or NULL
+// @param doubled  receives the share of the area that sees another sheet within a voxel
 // @param seen   receives what each triangle sees behind and before it within a voxel (#F by 2), or
-//               stays NULL; NULL: not wanted
+//               stays NULL: parts touch, or one is closed
 static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
                          const pc_mesh *layer, const pci_topology *edges, double thickness,
                          double cell_size, double reach, double share, pci_layering *layering,
-                         uint32_t **seen) {
+                         double *doubled, uint32_t **seen) {
     pc_context *context = scratch->context;
     pci_topology built;
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
@@ -205,14 +213,14 @@ static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh 
     if (!done) {
         return pci_fail_memory(context, stage);
     }
-    if (seen != NULL && !atomic_load(&p.touches)) {
+    if (!atomic_load(&p.touches)) {
         *seen = p.seen;
     }
     size_t missed_count = 0;
     for (size_t v = 0; v < surface->vertex_count; ++v) {
         missed_count += missed[v];
     }
-    *layering = classify(&p);
+    *layering = classify(&p, doubled);
     if (wound || (double)missed_count > (1.0 - share) * (double)surface->vertex_count) {
         *layering = PCI_LAYERED;
     }
@@ -287,28 +295,33 @@ static pc_status begin_layer(pci_scratch *scratch, const char *stage, const pc_m
     return status;
 }
 
-// Hems and collars that are turned over make a second ply: with them the layer is layered, without
-// them it may be plain. Where nothing can be cut off, two sides of the cloth lie close, and a
-// folded sheet stays one. `seen`: by the layer's triangles, or NULL.
+// Hems and collars that are turned over make a second ply: without them the layer may be plain.
+// Where layers go with them and others stay, it is layered. Where nothing can be cut off, or next
+// to nothing of the layers goes with it, two sides of the cloth lie close, and a folded sheet stays
+// one. `seen`: by the layer's triangles, or NULL; `doubled`: share of its area.
 static pc_status try_peeling(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
-                             const uint32_t *seen, double thickness, double cell_size, double reach,
-                             pc_mesh *layer, pci_layering *layering) {
+                             const uint32_t *seen, double doubled, double thickness,
+                             double cell_size, double reach, pc_mesh *layer,
+                             pci_layering *layering) {
     bool peeled = false;
     pc_mesh rest = {0};
     pci_layering without = PCI_LAYERED;
+    double left = 0.0;
+    uint32_t *seen_then = NULL;
     pc_status status = pci_mesh_compact(scratch, layer, NULL, &rest, NULL)
                            ? pci_peel_linings(scratch, stage, seen, cell_size, 0.0, &rest, &peeled)
                            : pci_fail_memory(scratch->context, stage);
     if (status == PC_OK && peeled) {
         status = measure(scratch, stage, surface, &rest, NULL, thickness, cell_size, reach,
-                         least_covered, &without, NULL);
-        *layering = PCI_LAYERED;
+                         least_covered, &without, &left, &seen_then);
     }
     if (status == PC_OK && without == PCI_PLAIN) {
         const pc_mesh swapped = *layer;
         *layer = rest;
         rest = swapped;
-        *layering = without;
+        *layering = PCI_PLAIN;
+    } else if (peeled && doubled - left > least_lined * doubled) {
+        *layering = PCI_LAYERED;
     }
     pc_mesh_free(scratch->context, &rest);
     return status;
@@ -324,11 +337,12 @@ pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mes
     if (status == PC_OK && layer->triangle_count > 0 && !always) {
         const bool same = layer->triangle_count == cloth->triangle_count;
         uint32_t *seen = NULL;
+        double doubled = 0.0;
         status = measure(scratch, stage, surface, layer, same ? edges : NULL, thickness, cell_size,
-                         cell_size, 1.0, layering, &seen);
-        if (status == PC_OK && *layering == PCI_FOLDED) {
-            status = try_peeling(scratch, stage, surface, seen, thickness, cell_size, cell_size,
-                                 layer, layering);
+                         cell_size, 1.0, layering, &doubled, &seen);
+        if (status == PC_OK && *layering != PCI_PLAIN && seen != NULL) {
+            status = try_peeling(scratch, stage, surface, seen, doubled, thickness, cell_size,
+                                 lining_voxels * cell_size, layer, layering);
         }
         pci_scratch_rewind(scratch, mark);
     }
@@ -345,6 +359,7 @@ pc_status pci_tailored_layer(pci_scratch *scratch, const char *stage, const pc_m
     pci_layering layering = PCI_LAYERED;
     bool sewn = false;
     uint32_t *seen = NULL;
+    double doubled = 0.0;
     const struct pci_scratch_block *mark = scratch->blocks;
     pc_status status = begin_layer(scratch, stage, cloth, edges, cell_size, layer, filled_loops);
     if (status == PC_OK && layer->triangle_count > 0) {
@@ -353,17 +368,24 @@ pc_status pci_tailored_layer(pci_scratch *scratch, const char *stage, const pc_m
     if (status == PC_OK && layer->triangle_count > 0) {
         status = pci_sew_parts(scratch, stage, sewing_voxels * cell_size, layer, &sewn);
     }
-    const double reach = (sewn ? sewing_voxels : lining_voxels) * cell_size;
+    if (status == PC_OK && !sewn) {
+        pc_mesh_free(scratch->context, layer);
+    }
+    const double reach = sewing_voxels * cell_size;
     if (status == PC_OK && layer->triangle_count > 0) {
         status = measure(scratch, stage, surface, layer, NULL, thickness, cell_size, reach,
-                         least_covered, &layering, &seen);
+                         least_covered, &layering, &doubled, &seen);
     }
     if (status == PC_OK && layering != PCI_PLAIN && layer->triangle_count > 0) {
-        status = try_peeling(scratch, stage, surface, seen, thickness, cell_size, reach, layer,
-                             &layering);
+        status = try_peeling(scratch, stage, surface, seen, doubled, thickness, cell_size, reach,
+                             layer, &layering);
+    }
+    if (status == PC_OK && layer->triangle_count > 0 &&
+        !pci_close_slits(scratch, front_voxels * cell_size, layer)) {
+        status = pci_fail_memory(scratch->context, stage);
     }
     pci_scratch_rewind(scratch, mark);
-    if (status != PC_OK || !(layering == PCI_PLAIN || (layering == PCI_FOLDED && sewn))) {
+    if (status != PC_OK || layering == PCI_LAYERED) {
         pc_mesh_free(scratch->context, layer);
     }
     return status;

@@ -30,9 +30,9 @@ PC_NODISCARD pc_status pci_visual_layer(pci_scratch *scratch, const char *stage,
 
 // The cloth made one sheet: parts that are worn over each other are sewn together
 // (stages/carve/sewing.h), hems and collars that are turned over are cut off
-// (stages/carve/lining.h). `side` tells what is outside. `layer` stays empty where the result is
-// not plain, nor folded and sewn, or not near 99 % of the visual mesh. PC_OK;
-// PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
+// (stages/carve/lining.h), fronts are closed (geometry/notches.h). `side` tells what is outside.
+// `layer` stays empty where nothing is sewn, or the result is layered or not near 99 % of the
+// visual mesh. PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
 PC_NODISCARD pc_status pci_tailored_layer(pci_scratch *scratch, const char *stage,
                                           const pc_mesh *surface, const pc_mesh *cloth,
                                           const pci_topology *edges, const pc_mesh *side,

@@ -1,4 +1,4 @@
-#include "stages/simplify/notches.h"
+#include "geometry/notches.h"
 
 #include <stdlib.h>
 
@@ -9,6 +9,12 @@
 static const double widest = 0.5, deepest = 0.55;
 // What a shorter border must save, likewise.
 static const double least_gain = 0.25;
+// A slit gets wider by less than this share of its border: beyond, its sides part.
+static const double parting = 0.25;
+// A slit turns at its tip by half a turn in all; half of that is enough.
+static const double least_turning = 1.57079632679489661923;
+// Edges that stay of a loop.
+enum { least_opening = 3 };
 // Share of the filling that may be turned over: edges of layers are frayed.
 static const double most_turned = 0.1;
 
@@ -49,33 +55,6 @@ static double distance_between(const loop *l, size_t i, size_t j) {
 
 // ---- the search ---------------------------------------------------------------------------------
 
-// Walks along both sides away from a tip, abreast, for the mouth: there the border is longest for
-// its chord, and beyond it gains nothing. False: the sides go on, or part.
-static bool find_mouth(const loop *l, size_t tip, double spacing, notch *found) {
-    static const double beyond = 1.5; // mouths that are looked at
-    static const double keen = 0.9;   // less than 1, so that the nearest of equal ones counts
-    size_t first = tip + l->count, last = first;
-    double way = 0.0, chord = 0.0, best = 0.0, mouth = 0.0;
-    *found = (notch){0};
-    while (2 * (last - first) < l->count && chord <= beyond * widest * spacing &&
-           way <= (4.0 * deepest + 2.0 * widest) * spacing) {
-        const double back = distance_between(l, first - 1, last);
-        const double ahead = distance_between(l, first, last + 1);
-        chord = fmin(back, ahead);
-        way += back <= ahead ? distance_between(l, first - 1, first)
-                             : distance_between(l, last, last + 1);
-        first -= back <= ahead;
-        last += back > ahead;
-        if (keen * way - chord > best) {
-            best = keen * way - chord;
-            mouth = chord;
-            *found = (notch){first % l->count, last - first, best};
-        }
-    }
-    return found->length > 1 && found->gain >= least_gain * spacing && mouth <= widest * spacing &&
-           found->length < last - first;
-}
-
 static double depth_of(const loop *l, const notch *n) {
     const double *a = point_at(l, n->first), *b = point_at(l, n->first + n->length);
     double deepest_point = 0.0, bary[3];
@@ -84,6 +63,97 @@ static double depth_of(const loop *l, const notch *n) {
             deepest_point, pci_triangle_squared_distance(point_at(l, n->first + i), a, b, b, bary));
     }
     return sqrt(deepest_point);
+}
+
+// A stretch that grows along both sides away from a tip, abreast.
+typedef struct walk {
+    size_t first, last; // the former may be larger by the loop's count
+    double way, chord;
+} walk;
+
+static walk begin_walk(const loop *l, size_t tip) {
+    return (walk){.first = tip + l->count, .last = tip + l->count};
+}
+
+static void go_on(const loop *l, walk *w) {
+    const double back = distance_between(l, w->first - 1, w->last);
+    const double ahead = distance_between(l, w->first, w->last + 1);
+    w->chord = fmin(back, ahead);
+    w->way += back <= ahead ? distance_between(l, w->first - 1, w->first)
+                            : distance_between(l, w->last, w->last + 1);
+    w->first -= back <= ahead;
+    w->last += back > ahead;
+}
+
+static size_t length_of(const walk *w) { return w->last - w->first; }
+
+// Looks for the mouth of the notch at a tip: there the border is longest for its chord, and beyond
+// it gains nothing. False: the sides go on, or part.
+static bool find_mouth(const loop *l, size_t tip, double spacing, notch *found) {
+    static const double beyond = 1.5; // mouths that are looked at
+    static const double keen = 0.9;   // less than 1, so that the nearest of equal ones counts
+    walk w = begin_walk(l, tip);
+    double best = 0.0, mouth = 0.0;
+    *found = (notch){0};
+    while (2 * length_of(&w) < l->count && w.chord <= beyond * widest * spacing &&
+           w.way <= (4.0 * deepest + 2.0 * widest) * spacing) {
+        go_on(l, &w);
+        if (keen * w.way - w.chord > best) {
+            best = keen * w.way - w.chord;
+            mouth = w.chord;
+            *found = (notch){w.first % l->count, length_of(&w), best};
+        }
+    }
+    return found->length > 1 && found->gain >= least_gain * spacing && mouth <= widest * spacing &&
+           found->length < length_of(&w) && depth_of(l, found) <= deepest * spacing;
+}
+
+// Between an end of the stretch and the last edge of the other side: where edges are long, ends are
+// seldom abreast.
+static double gap_at(const loop *l, const walk *w) {
+    const double *first = point_at(l, w->first), *last = point_at(l, w->last);
+    double bary[3];
+    return sqrt(
+        fmin(pci_triangle_squared_distance(first, last, point_at(l, w->last - 1), last, bary),
+             pci_triangle_squared_distance(last, first, point_at(l, w->first + 1), first, bary)));
+}
+
+// By how much the border turns along a stretch, in the cloth: half a turn around the tip of a slit,
+// half a turn back around that of a tongue, also where the sides lie over each other.
+static double turning_of(const loop *l, const notch *n) {
+    double sum = 0.0;
+    for (size_t i = 1; i < n->length; ++i) {
+        const uint32_t v = vertex_at(l, n->first + i);
+        double around = 0.0;
+        PCI_FOR_OUTGOING(l->mesh, v, h) {
+            double to[3], from[3];
+            const double *p = &l->mesh->positions[3 * (size_t)v];
+            pci_sub(&l->mesh->positions[3 * (size_t)pci_target(l->mesh, h)], p, to);
+            pci_sub(&l->mesh->positions[3 * (size_t)l->mesh->corners[pci_previous(h)]], p, from);
+            if (pci_normalize(to) && pci_normalize(from)) {
+                around += acos(fmax(-1.0, fmin(1.0, pci_dot(to, from))));
+            }
+        }
+        sum += around - 3.14159265358979323846;
+    }
+    return sum;
+}
+
+// Looks for the end of the slit at a tip: there its sides part, or are no longer close.
+static bool find_end(const loop *l, size_t tip, double reach, notch *found) {
+    walk w = begin_walk(l, tip);
+    *found = (notch){0};
+    while (length_of(&w) + least_opening < l->count) {
+        go_on(l, &w);
+        if (gap_at(l, &w) > reach) {
+            break;
+        }
+        const double gain = parting * w.way - w.chord;
+        if (gain > found->gain) {
+            *found = (notch){w.first % l->count, length_of(&w), gain};
+        }
+    }
+    return found->length > 1 && turning_of(l, found) > least_turning;
 }
 
 // Area vector of a triangle.
@@ -118,8 +188,8 @@ static bool are_joined(const pci_halfedge *mesh, uint32_t a, uint32_t b) {
 }
 
 // Triangles between both sides, from the mouth to the tip, over the shorter one of two diagonals
-// each time. False: they would cover cloth, or an edge is there already.
-static bool zip(const loop *l, const notch *n, uint32_t *triangles) {
+// each time. False: an edge is there already, or they would cover cloth, as those of slits may.
+static bool zip(const loop *l, const notch *n, bool slits, uint32_t *triangles) {
     double normal[3], right = 0.0, turned = 0.0;
     size_t a = n->first, b = n->first + n->length;
     find_normal(l, n, normal);
@@ -139,7 +209,7 @@ static bool zip(const loop *l, const notch *n, uint32_t *triangles) {
         a += first;
         b -= !first;
     }
-    return turned <= most_turned * right;
+    return slits || turned <= most_turned * right;
 }
 
 // ---- the whole ----------------------------------------------------------------------------------
@@ -154,17 +224,16 @@ static bool is_free(const loop *l, const notch *n) {
 }
 
 // Fills the notches of a loop, those that gain most first; returns the number of triangles then.
-static size_t fill_loop(const loop *l, double spacing, notch *notches, uint32_t *triangles,
+static size_t fill_loop(const loop *l, bool slits, double size, notch *notches, uint32_t *triangles,
                         size_t count) {
     size_t found = 0;
     for (size_t i = 0; i < l->count; ++i) {
-        found += find_mouth(l, i, spacing, &notches[found]);
+        found += (slits ? find_end : find_mouth)(l, i, size, &notches[found]);
     }
     qsort(notches, found, sizeof(*notches), compare_notches);
     for (size_t i = 0; i < found; ++i) {
         const notch *n = &notches[i];
-        if (is_free(l, n) && depth_of(l, n) <= deepest * spacing &&
-            zip(l, n, &triangles[3 * count])) {
+        if (is_free(l, n) && zip(l, n, slits, &triangles[3 * count])) {
             count += n->length - 1;
             for (size_t k = 0; k <= n->length; ++k) {
                 l->uses[vertex_at(l, n->first + k)] = k % n->length == 0 ? END : INSIDE;
@@ -187,7 +256,7 @@ static bool append(pci_scratch *scratch, const uint32_t *triangles, size_t count
     return true;
 }
 
-bool pci_fill_notches(pci_scratch *scratch, double spacing, pc_mesh *mesh) {
+static bool fill(pci_scratch *scratch, bool slits, double size, pc_mesh *mesh) {
     pci_scratch inner = pci_scratch_begin(scratch->context);
     pci_halfedge halves;
     uint32_t *vertices = PCI_SCRATCH(&inner, uint32_t, mesh->vertex_count);
@@ -207,9 +276,17 @@ bool pci_fill_notches(pci_scratch *scratch, double spacing, pc_mesh *mesh) {
             visited[v] = 1;
             vertices[l.count++] = v;
         }
-        count = fill_loop(&l, spacing, notches, triangles, count);
+        count = fill_loop(&l, slits, size, notches, triangles, count);
     }
     done = done && (count == 0 || append(scratch, triangles, count, mesh));
     pci_scratch_end(&inner);
     return done;
+}
+
+bool pci_fill_notches(pci_scratch *scratch, double spacing, pc_mesh *mesh) {
+    return fill(scratch, false, spacing, mesh);
+}
+
+bool pci_close_slits(pci_scratch *scratch, double reach, pc_mesh *mesh) {
+    return fill(scratch, true, reach, mesh);
 }

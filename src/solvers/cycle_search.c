@@ -29,10 +29,8 @@ typedef struct node {
     uint8_t parity, settled;
 } node;
 
-typedef struct heap_item {
-    float distance;
-    uint32_t node;
-} heap_item;
+// A distance, which is not negative, above a node: in order as a number.
+typedef uint64_t heap_item;
 
 typedef struct heap {
     heap_item *items;
@@ -55,13 +53,23 @@ typedef struct pci_found_cycle {
 
 // ---- heap ---------------------------------------------------------------------------------------
 
-static bool before(heap_item a, heap_item b) {
-    return a.distance < b.distance || (a.distance <= b.distance && a.node < b.node);
+static heap_item make_item(float distance, uint32_t vertex) {
+    uint32_t bits;
+    memcpy(&bits, &distance, sizeof(bits));
+    return (heap_item)bits << 32 | vertex;
 }
 
-static void heap_push(heap *x, heap_item item) {
+static float distance_of(heap_item item) {
+    const uint32_t bits = (uint32_t)(item >> 32);
+    float distance;
+    memcpy(&distance, &bits, sizeof(distance));
+    return distance;
+}
+
+static void heap_push(heap *x, float distance, uint32_t vertex) {
+    const heap_item item = make_item(distance, vertex);
     size_t k = x->count++;
-    for (; k > 0 && before(item, x->items[(k - 1) / 2]); k = (k - 1) / 2) {
+    for (; k > 0 && item < x->items[(k - 1) / 2]; k = (k - 1) / 2) {
         x->items[k] = x->items[(k - 1) / 2];
     }
     x->items[k] = item;
@@ -75,8 +83,8 @@ static heap_item heap_pop(heap *x) {
         if (child >= x->count) {
             break;
         }
-        child += child + 1 < x->count && before(x->items[child + 1], x->items[child]) ? 1 : 0;
-        if (!before(x->items[child], last)) {
+        child += child + 1 < x->count && x->items[child + 1] < x->items[child] ? 1 : 0;
+        if (x->items[child] >= last) {
             break;
         }
         x->items[k] = x->items[child];
@@ -266,11 +274,12 @@ static void find_cycle(pci_cycle_search *s, searcher *x, size_t slot) {
     uint32_t ends[2] = {0, 0}, closing = PC_INVALID_INDEX;
     open->count = 0;
     nodes[root] = (node){.time = time};
-    heap_push(open, (heap_item){0.0F, root});
+    heap_push(open, 0.0F, root);
     for (size_t settled = 0; open->count != 0 && settled < s->max_settled;) {
         const heap_item item = heap_pop(open);
-        const uint32_t v = item.node;
-        if (2.0F * item.distance >= best) {
+        const uint32_t v = (uint32_t)item;
+        const float reached = distance_of(item);
+        if (2.0F * reached >= best) {
             break;
         }
         if (nodes[v].settled) {
@@ -283,7 +292,7 @@ static void find_cycle(pci_cycle_search *s, searcher *x, size_t slot) {
             const arc a = s->arcs[k];
             node *w = &nodes[a.head];
             const uint8_t parity = nodes[v].parity ^ (a.edge & 1u);
-            const float distance = item.distance + a.length;
+            const float distance = reached + a.length;
             if (w->time == time && w->settled) {
                 if (w->parity != parity && distance + w->distance < best) {
                     best = distance + w->distance;
@@ -298,7 +307,7 @@ static void find_cycle(pci_cycle_search *s, searcher *x, size_t slot) {
                             .depth = nodes[v].depth + 1,
                             .time = time,
                             .parity = parity};
-                heap_push(open, (heap_item){distance, a.head});
+                heap_push(open, distance, a.head);
             }
         }
     }
@@ -321,17 +330,18 @@ static void find_cycles(void *user, size_t begin, size_t end, uint32_t worker) {
 static uint32_t step_path(const pci_cycle_search *s, searcher *x, size_t k, float *best) {
     uint32_t meeting = PC_INVALID_INDEX;
     const heap_item item = heap_pop(&x->heaps[k]);
-    const uint32_t v = item.node;
+    const uint32_t v = (uint32_t)item;
+    const float reached = distance_of(item);
     if (x->nodes[k][v].settled) {
         return meeting;
     }
     x->nodes[k][v].settled = 1;
     x->visited += s->rows.offsets[v + 1] - s->rows.offsets[v];
     // No way of this side to the rest of the other one is shorter.
-    const float opposite = x->heaps[1 - k].items[0].distance;
+    const float opposite = distance_of(x->heaps[1 - k].items[0]);
     for (size_t r = s->rows.offsets[v]; r < s->rows.offsets[v + 1]; ++r) {
         const uint32_t e = s->rows.edges[r];
-        const float distance = item.distance + s->lengths[e];
+        const float distance = reached + s->lengths[e];
         if (!(distance < *best)) {
             continue;
         }
@@ -344,7 +354,7 @@ static uint32_t step_path(const pci_cycle_search *s, searcher *x, size_t k, floa
             continue;
         }
         *mine = (node){.distance = distance, .via = e, .time = x->time};
-        heap_push(&x->heaps[k], (heap_item){distance, w});
+        heap_push(&x->heaps[k], distance, w);
         if (joins) {
             *best = other->distance + distance;
             meeting = w;
@@ -364,15 +374,18 @@ static void find_path(const pci_cycle_search *s, searcher *x, uint32_t edge, flo
     for (size_t k = 0; k < 2; ++k) {
         x->heaps[k].count = 0;
         x->nodes[k][ends[k]] = (node){.via = PC_INVALID_INDEX, .time = x->time};
-        heap_push(&x->heaps[k], (heap_item){0.0F, ends[k]});
+        heap_push(&x->heaps[k], 0.0F, ends[k]);
     }
     for (size_t steps = 0; steps < REACH; ++steps) {
         const heap *h = x->heaps;
-        if (h[0].count == 0 || h[1].count == 0 ||
-            h[0].items[0].distance + h[1].items[0].distance >= limit) {
+        if (h[0].count == 0 || h[1].count == 0) {
             break;
         }
-        const size_t k = h[0].items[0].distance <= h[1].items[0].distance ? 0 : 1;
+        const float next[2] = {distance_of(h[0].items[0]), distance_of(h[1].items[0])};
+        if (next[0] + next[1] >= limit) {
+            break;
+        }
+        const size_t k = next[0] <= next[1] ? 0 : 1;
         const uint32_t met = step_path(s, x, k, &limit);
         meeting = met != PC_INVALID_INDEX ? met : meeting;
     }

@@ -165,12 +165,35 @@ static void leaves_the_rest(void **state) {
     pc_context_destroy(context);
 }
 
+static void does_without_memory(void **state) {
+    (void)state;
+    counting_allocator counter = {0};
+    pc_context *context = counting_context(&counter);
+    pc_mesh tubes = two_tubes(context, 3);
+    starvation s = {.counter = &counter};
+    while (starves(&s)) {
+        pci_scratch scratch = pci_scratch_begin(context);
+        pci_topology edges;
+        pc_mesh stitched = {0};
+        bool some = false;
+        s.status =
+            pci_topology_build_edges(&scratch, &tubes, &edges)
+                ? pci_stitch_borders(&scratch, "test", &tubes, &edges, 1e-3, &stitched, &some)
+                : PC_ERROR_OUT_OF_MEMORY;
+        assert_true(s.status == PC_OK ? some : stitched.triangles == NULL && !some);
+        pc_mesh_free(context, &stitched);
+        pci_scratch_end(&scratch);
+    }
+    assert_true(s.failures > 5);
+    pc_mesh_free(context, &tubes);
+    pc_context_destroy(context);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(joins_panels),
-        cmocka_unit_test(joins_sides_that_alternate),
-        cmocka_unit_test(cuts_any_edges),
-        cmocka_unit_test(leaves_the_rest),
+        cmocka_unit_test(joins_panels),        cmocka_unit_test(joins_sides_that_alternate),
+        cmocka_unit_test(cuts_any_edges),      cmocka_unit_test(leaves_the_rest),
+        cmocka_unit_test(does_without_memory),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

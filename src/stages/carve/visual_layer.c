@@ -376,7 +376,8 @@ pc_status pci_tailored_layer(pci_scratch *scratch, const char *stage, const pc_m
         status = measure(scratch, stage, surface, layer, NULL, thickness, cell_size, reach,
                          least_covered, &layering, &doubled, &seen);
     }
-    if (status == PC_OK && layering != PCI_PLAIN && layer->triangle_count > 0) {
+    // Closed parts, and parts that touch each other, are so without their linings, too.
+    if (status == PC_OK && layering != PCI_PLAIN && seen != NULL && layer->triangle_count > 0) {
         status = try_peeling(scratch, stage, surface, seen, doubled, thickness, cell_size, reach,
                              layer, &layering);
     }

@@ -31,6 +31,17 @@ static pc_carve_options labels_only(void) {
     return options;
 }
 
+// What the stage makes, checked.
+static pc_mesh carved(pc_context *context, const pc_mesh *visual, const pc_mesh *projected,
+                      const pc_labels *labels, double cell_size, const pc_carve_options *options,
+                      pc_carve_report *report) {
+    pc_mesh layer = {0};
+    assert_ok(context,
+              pc_carve(context, visual, projected, labels, cell_size, options, &layer, report));
+    check_layer(context, &layer, report);
+    return layer;
+}
+
 static double mesh_area(const pc_mesh *mesh) {
     double area = 0.0;
     for (size_t t = 0; t < mesh->triangle_count; ++t) {
@@ -57,8 +68,7 @@ static void keeps_triangles_with_two_labels(void **state) {
         expected += ones >= 2;
     }
     pc_carve_report report = {0};
-    assert_ok(context, pc_carve(context, &ball, &ball, &labels, 0.2, NULL, &layer, &report));
-    check_layer(context, &layer, &report);
+    layer = carved(context, &ball, &ball, &labels, 0.2, NULL, &report);
     assert_int_equal(layer.triangle_count, expected);
     assert_int_equal(report.components, 1);
     assert_int_equal(report.boundary_loops, 1);
@@ -67,8 +77,7 @@ static void keeps_triangles_with_two_labels(void **state) {
 
     // All ones: the closed mesh itself.
     memset(labels.labels, 1, ball.vertex_count);
-    assert_ok(context, pc_carve(context, &ball, &ball, &labels, 0.2, NULL, &layer, &report));
-    check_layer(context, &layer, &report);
+    layer = carved(context, &ball, &ball, &labels, 0.2, NULL, &report);
     assert_int_equal(layer.triangle_count, ball.triangle_count);
     assert_int_equal(report.boundary_loops, 0);
     assert_close(report.coverage, 1.0, 0.0);
@@ -148,9 +157,7 @@ static void fills_short_holes_only(void **state) {
         pc_carve_report report = {0};
         options.carve_distance = 10.0; // no membrane is cut out
         options.fill_loops = cases[i].fill_loops;
-        assert_ok(context, pc_carve(context, cases[i].visual, &tube, &labels, 0.5, &options, &layer,
-                                    &report));
-        check_layer(context, &layer, &report);
+        layer = carved(context, cases[i].visual, &tube, &labels, 0.5, &options, &report);
         assert_int_equal(report.boundary_loops, cases[i].loops);
         assert_int_equal(report.filled_loops, cases[i].filled);
         pc_mesh_free(context, &layer);
@@ -162,8 +169,7 @@ static void fills_short_holes_only(void **state) {
     pc_carve_report report = {0};
     pc_mesh sheet = test_sheet(context, 2, 2, 1.0, 1.0); // a rim of eight edges
     labels = make_labels(context, sheet.vertex_count, 1);
-    assert_ok(context, pc_carve(context, &sheet, &sheet, &labels, 0.5, NULL, &layer, &report));
-    check_layer(context, &layer, &report);
+    layer = carved(context, &sheet, &sheet, &labels, 0.5, NULL, &report);
     assert_int_equal(report.boundary_loops, 1);
     assert_int_equal(layer.triangle_count, sheet.triangle_count);
     pc_mesh_free(context, &layer);
@@ -201,9 +207,7 @@ static void drops_small_parts(void **state) {
         pc_carve_options options = labels_only();
         pc_carve_report report = {0};
         options.smallest_part = cases[i].smallest_part;
-        assert_ok(context,
-                  pc_carve(context, &visual, &both, &labels, 0.2, &options, &layer, &report));
-        check_layer(context, &layer, &report);
+        layer = carved(context, &visual, &both, &labels, 0.2, &options, &report);
         assert_int_equal(report.components, cases[i].kept);
         assert_int_equal(report.dropped_parts, 2 - cases[i].kept);
         pc_mesh_free(context, &visual);
@@ -234,15 +238,10 @@ static void keeps_one_side_of_a_sheet(void **state) {
     }
     const pc_carve_options options = labels_only();
     pc_carve_report report = {0};
-    assert_ok(context, pc_carve(context, &tube, &skin, &labels, 0.05, &options, &layer, &report));
-    check_layer(context, &layer, &report);
+    layer = carved(context, &tube, &skin, &labels, 0.05, &options, &report);
     assert_int_equal(report.components, 1);
     assert_int_equal(report.boundary_loops, 2);
-    double area = 0.0;
-    for (size_t t = 0; t < layer.triangle_count; ++t) {
-        area += pci_triangle_area(&layer, t);
-    }
-    assert_close(area, 3.14159, 0.2);
+    assert_close(mesh_area(&layer), 3.14159, 0.2);
     pc_mesh_free(context, &layer);
     pc_labels_free(context, &labels);
     pc_mesh_free(context, &tube);
@@ -313,9 +312,7 @@ static void carves_the_gap_between_sheets(void **state) {
 
     options.carve = true;
     options.carve_distance = 0.4;
-    assert_ok(context,
-              pc_carve(context, &visual, &bridged, &labels, 0.25, &options, &layer, &report));
-    check_layer(context, &layer, &report);
+    layer = carved(context, &visual, &bridged, &labels, 0.25, &options, &report);
     assert_int_equal(report.components, 2);
     assert_int_equal(report.boundary_loops, 2);
     assert_true(report.carved_triangles > 0);
@@ -350,9 +347,7 @@ static void opens_narrow_tubes(void **state) {
         pc_labels labels = make_labels(context, rod.vertex_count, 1);
         pc_carve_report report = {0};
         pc_carve_options options = labels_only();
-        assert_ok(context,
-                  pc_carve(context, &visual, &rod, &labels, 1.0, &options, &layer, &report));
-        check_layer(context, &layer, &report);
+        layer = carved(context, &visual, &rod, &labels, 1.0, &options, &report);
         assert_int_equal(report.carved_regions, 2);
         assert_int_equal(report.components, 1);
         assert_int_equal(report.boundary_loops, 2);
@@ -402,9 +397,7 @@ static void keeps_cups_closed(void **state) {
         pc_mesh visual = test_union(context, &tube, cup == 1 ? &sheet : &base, (double[3]){0.0});
         pc_carve_report report = {0};
         pc_carve_options options = labels_only();
-        assert_ok(context,
-                  pc_carve(context, &visual, &rod, &labels, 1.0, &options, &layer, &report));
-        check_layer(context, &layer, &report);
+        layer = carved(context, &visual, &rod, &labels, 1.0, &options, &report);
         assert_int_equal(report.components, 1);
         assert_int_equal(report.carved_regions, 1 - cup);
         assert_int_equal(report.boundary_loops, 2 - cup);
@@ -434,15 +427,13 @@ static void keeps_webs(void **state) {
     pc_labels labels = make_labels(context, skin.vertex_count, 1);
     pc_carve_report report = {0};
     pc_carve_options options = labels_only();
-    assert_ok(context, pc_carve(context, &visual, &skin, &labels, 1.0, &options, &layer, &report));
-    check_layer(context, &layer, &report);
+    layer = carved(context, &visual, &skin, &labels, 1.0, &options, &report);
     assert_int_equal(report.carved_regions, 0);
     assert_int_equal(layer.triangle_count, skin.triangle_count);
     pc_mesh_free(context, &layer);
 
     options.carve = true;
-    assert_ok(context, pc_carve(context, &visual, &skin, &labels, 1.0, &options, &layer, &report));
-    check_layer(context, &layer, &report);
+    layer = carved(context, &visual, &skin, &labels, 1.0, &options, &report);
     assert_int_equal(report.carved_regions, 2);
     assert_int_equal(report.components, 2);
     pc_mesh_free(context, &layer);
@@ -471,8 +462,7 @@ static void keeps_webs_around_leaves(void **state) {
     pc_labels labels = make_labels(context, skin.vertex_count, 1);
     pc_carve_report report = {0};
     pc_carve_options options = labels_only();
-    assert_ok(context, pc_carve(context, &visual, &skin, &labels, 1.0, &options, &layer, &report));
-    check_layer(context, &layer, &report);
+    layer = carved(context, &visual, &skin, &labels, 1.0, &options, &report);
     assert_int_equal(report.carved_regions, 0);
     assert_int_equal(layer.triangle_count, skin.triangle_count);
     pc_mesh_free(context, &layer);
@@ -498,9 +488,7 @@ static void refines_triangles_without_area(void **state) {
     options.carve = true;
     options.carve_distance = pc_record_find(&pc_carve_options_record, "carve_distance")->minimum;
     pc_carve_report report = {0};
-    assert_ok(context,
-              pc_carve(context, &visual, &squeezed, &labels, 0.25, &options, &layer, &report));
-    check_layer(context, &layer, &report);
+    layer = carved(context, &visual, &squeezed, &labels, 0.25, &options, &report);
     assert_true(report.carved_triangles > 0);
     assert_true(layer.triangle_count < 100000);
     pc_mesh_free(context, &layer);
@@ -532,8 +520,7 @@ static void takes_clean_sheets_as_they_are(void **state) {
         pc_labels labels = make_labels(context, visual->vertex_count, 1);
         pc_mesh layer = {0};
         pc_carve_report report = {0};
-        assert_ok(context, pc_carve(context, visual, visual, &labels, cell, NULL, &layer, &report));
-        check_layer(context, &layer, &report);
+        layer = carved(context, visual, visual, &labels, cell, NULL, &report);
         const pc_mesh *expected = cases[i].sheet;
         assert_int_equal(report.source, expected != NULL ? PC_LAYER_VISUAL : PC_LAYER_LABELS);
         if (expected != NULL) {
@@ -604,8 +591,7 @@ static void takes_cloth_without_hems(void **state) {
             p[0] *= share, p[2] *= share;
         }
         pc_carve_report report = {0};
-        assert_ok(context, pc_carve(context, &visual, &skin, &labels, 0.1, NULL, &layer, &report));
-        check_layer(context, &layer, &report);
+        layer = carved(context, &visual, &skin, &labels, 0.1, NULL, &report);
         assert_int_equal(report.source, PC_LAYER_VISUAL);
         assert_int_equal(report.components, 1);
         assert_int_equal(report.boundary_loops, 2);
@@ -640,9 +626,7 @@ static void takes_folded_sheets_for_torn_labels(void **state) {
         }
         pc_mesh layer = {0};
         pc_carve_report report = {0};
-        assert_ok(context,
-                  pc_carve(context, &visual, &visual, &labels, 0.1, NULL, &layer, &report));
-        check_layer(context, &layer, &report);
+        layer = carved(context, &visual, &visual, &labels, 0.1, NULL, &report);
         assert_int_equal(report.source, torn ? PC_LAYER_VISUAL : PC_LAYER_LABELS);
         assert_int_equal(report.components, 1);
         assert_int_equal(report.boundary_loops, 2);

@@ -652,9 +652,10 @@ static uint32_t smallest_vertex(const uint32_t *v) {
 bool pci_mark_duplicates(pci_scratch *scratch, const pc_mesh *mesh, uint8_t *duplicate) {
     const size_t nv = mesh->vertex_count, nf = mesh->triangle_count;
     pci_scratch local = pci_scratch_begin(scratch->context);
-    size_t *offsets = PCI_SCRATCH(&local, size_t, nv + 2), *next = offsets + 1;
+    size_t *offsets = PCI_SCRATCH(&local, size_t, nv + 2);
     pair *pairs = PCI_SCRATCH(&local, pair, nf);
     const bool done = !local.failed;
+    size_t *next = done ? offsets + 1 : NULL;
     for (size_t t = 0; t < nf && done; ++t) {
         ++next[smallest_vertex(&mesh->triangles[3 * t]) + 1];
     }

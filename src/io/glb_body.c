@@ -125,9 +125,10 @@ static void local_places(const pci_glb *glb, const pci_map *maps, float *places)
 // Consecutive rotations take the shorter way.
 static void align_rotations(float *rotations, size_t frames) {
     for (size_t f = 1; f < frames; ++f) {
+        const float *before = &rotations[4 * (f - 1)];
         float *now = &rotations[4 * f], cosine = 0.0F;
         for (size_t k = 0; k < 4; ++k) {
-            cosine += now[k] * now[k - 4];
+            cosine += now[k] * before[k];
         }
         for (size_t k = 0; k < 4; ++k) {
             now[k] = cosine < 0.0F ? -now[k] : now[k];

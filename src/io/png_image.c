@@ -54,9 +54,10 @@ static size_t filter_rows(const pci_image *image, size_t begin, size_t end, unsi
     const size_t width = 3 * image->width;
     for (size_t row = begin; row < end; ++row) {
         const unsigned char *pixels = &image->pixels[row * width];
+        const unsigned char *above = &image->pixels[(row > 0 ? row - 1 : 0) * width];
         *raw++ = 2;
         for (size_t i = 0; i < width; ++i) {
-            raw[i] = (unsigned char)(row > 0 ? pixels[i] - pixels[i - width] : pixels[i]);
+            raw[i] = (unsigned char)(pixels[i] - (row > 0 ? above[i] : 0));
         }
         raw += width;
     }

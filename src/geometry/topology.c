@@ -382,14 +382,6 @@ bool pci_find_shape(pci_scratch *scratch, const pc_mesh *mesh, pci_shape *shape)
     }
     shape->components = pci_triangle_components(scratch, mesh, &topology, component);
     shape->euler = mesh->vertex_count + mesh->triangle_count - topology.edge_count;
-    shape->boundary_length = 0.0;
-    for (size_t e = 0; e < topology.edge_count; ++e) {
-        if (topology.edge_triangle_offsets[e + 1] - topology.edge_triangle_offsets[e] == 1) {
-            const uint32_t *ends = &topology.edges[2 * e];
-            shape->boundary_length += sqrt(pci_squared_distance(
-                &mesh->positions[3 * (size_t)ends[0]], &mesh->positions[3 * (size_t)ends[1]]));
-        }
-    }
     pci_scratch_rewind(scratch, mark);
     return !scratch->failed;
 }

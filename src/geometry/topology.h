@@ -66,11 +66,10 @@ size_t pci_vertex_components(const pc_mesh *mesh, uint32_t *parents);
 bool pci_boundary_loops(pci_scratch *scratch, const pc_mesh *mesh, const pci_topology *topology,
                         size_t *loop_count, size_t **loop_offsets, uint32_t **loop_vertices);
 
-// The size and topology of a surface.
+// The topology of a surface.
 typedef struct pci_shape {
     size_t components, boundary_loops;
-    size_t euler;           // vertices + triangles - edges, wraps below zero
-    double boundary_length; // of all loops
+    size_t euler; // vertices + triangles - edges, wraps below zero
 } pci_shape;
 
 // Needs what pci_boundary_loops needs. False: out of memory.

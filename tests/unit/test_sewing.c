@@ -88,13 +88,11 @@ static void closes_the_front_of_a_shirt(void **state) {
         p[0] *= share, p[2] *= share;
     }
     pc_carve_report report = {0};
-    pci_shape found;
     assert_ok(context, pc_carve(context, &visual, &skin, &labels, 0.1, NULL, &layer, &report));
     assert_int_equal(report.source, PC_LAYER_VISUAL);
     assert_int_equal(report.components, 1);
     assert_int_equal(report.boundary_loops, 2);
-    assert_true(pci_find_shape(&scratch, &layer, &found));
-    assert_close(found.boundary_length, 2.0 * acos(-1.0) * 1.05, 0.1);
+    assert_close(boundary_length(context, &layer), 2.0 * acos(-1.0) * 1.05, 0.1);
     pc_mesh_free(context, &layer);
     pc_labels_free(context, &labels);
     pc_mesh_free(context, &skin);

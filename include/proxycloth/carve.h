@@ -20,7 +20,8 @@
 /// DEVIATION: cloth that is modelled with its thickness, a closed shell of two skins up to four
 /// voxels apart with a rim between them, counts as its outer skin (the larger one). Components that
 /// lie within a voxel of larger ones everywhere (linings, pockets, buttons, the second side of a
-/// cape) do not count.
+/// cape) do not count. Where a part is finer than its neighbour, so that vertices of one border lie
+/// on the edges of another (within .005 voxels), the two are stitched.
 ///
 /// DEVIATION: a garment that is one clean sheet already (many simulation garments are) needs no
 /// labels: the projected mesh can only be farther from it, and closes gaps below two voxels. With
@@ -28,21 +29,24 @@
 /// with holes of less than 3 voxels around and missing faces (up to six edges around, flat, a
 /// hundredth of the part at most) filled, when each of its parts has a border, no two parts come
 /// within a voxel of each other, every visual vertex is within a voxel (and the thickness of a
-/// shell) of it, and
-/// - at most 2 % of its area sees another sheet within a voxel, or
-/// - at most 15 % sees a back behind it, and either that is a second ply (a hem that is turned in, a
-///   lining) and the rest is plain when it is cut off along its fold; or there is no such ply, so
-///   that the sheet is folded, and the labels give another number of components or loops, or leave
-///   1 % of its vertices more than 2 voxels away. Simplify flattens pleats that are too narrow for
-///   the proxy.
+/// shell) of it, other cloth goes on before at most .7 of its border (it is not wound around
+/// something), and
+/// - at most 2 % of its area sees another sheet within a voxel, or only a second ply does (a hem
+///   that is turned in, a lining), which is cut off along its fold, and 99 % of the visual vertices
+///   are within two voxels of the rest; or
+/// - at most 15 % sees a back behind it, no ply can be cut off with half of the layers, so that the
+///   sheet is folded, and the labels give another number of components or loops, or leave 1 % of
+///   its vertices more than 2 voxels away. Simplify flattens pleats that are too narrow for the
+///   proxy.
 ///
 /// DEVIATION: where the labelled layer bridges gaps (half a percent of its area is more than half a
-/// voxel away from the cloth, as between two legs), or has more components than the cloth, the cloth
-/// made one sheet is taken instead, if it has as many components and loops, or fewer components, at
-/// most 1.35 times the boundary, and 99 % of the visual vertices are near it. What has another part
-/// before it within four voxels (trousers beneath a shirt) is cut away, and the rest sewn to
-/// the hem above it; second plies of a part (hems that are turned in, collars, the inside of a hat)
-/// are cut off along their fold. The sheet must then be plain, or folded where parts were sewn.
+/// voxel away from the cloth, as between two legs), or has more components than the cloth, the
+/// cloth made one sheet is taken instead, if it has as many components and loops, or fewer
+/// components, and 99 % of the visual vertices are near it. What has another part before it within
+/// four voxels (trousers beneath a shirt) is cut away, the rest sewn to the hem above it, and
+/// fronts are closed whose sides are within a voxel, as the labels close them; second plies of a
+/// part (hems that are turned in, collars, the inside of a hat) are cut off along their fold. The
+/// sheet must then be plain, or folded where parts were sewn.
 ///
 /// The border of the layer follows the voxels; with `snap_border` it is moved onto the garment's
 /// hems within 1.5 voxels (edges of one triangle with no other cloth in front), and the surface
@@ -50,13 +54,13 @@
 ///
 /// Openings narrower than two voxels (cuffs, a neckline, the foot of a leg) are closed in the
 /// iso-surface. Always on: a part of the layer that leaves the visual mesh sideways by more than
-/// `carve_distance`, around which the visual mesh ends (rims on at least 9 of 12 sides, with the
-/// cloth not amid them), and behind which there is no other cloth within 1.5 voxels, nor within 3
-/// cloth that the layer leaves out, as at the bottom of a pouch or a rivet, is such a membrane and
-/// is cut out along the isoline of half that distance, so that slits get nearly as deep as they
-/// are; with `snap_border` the cut then moves onto the hems. What bridges two surfaces, as between
-/// the legs or from a pocket to the coat, has no such rim around it and stays, as does what holds
-/// the layer together.
+/// `carve_distance`, around which the visual mesh ends (rims along .9 of its border and on at
+/// least 9 of 12 sides, with the cloth not amid them), and behind which there is no other cloth
+/// within 1.5 voxels, nor within 3 cloth that the layer leaves out, as at the bottom of a pouch or
+/// a rivet, is such a membrane and is cut out along the isoline of half that distance, so that
+/// slits get nearly as deep as they are; with `snap_border` the cut then moves onto the hems. What
+/// bridges two surfaces, as between the legs or from a pocket to the coat, has no such rim around
+/// it and stays, as does what holds the layer together.
 ///
 /// DEVIATION: such webs, more than half a voxel away from the cloth, are replaced by the walls of
 /// the gap that they bridge, where the cloth, or else the other side of the projected mesh, shows

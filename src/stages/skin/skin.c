@@ -43,7 +43,7 @@ static const pc_field option_fields[] = {
     PCI_FIELD_OPTION(pc_skin_options, lambda_layers, DOUBLE, 3.0, 0.0, 1000000.0, "",
                      "Weight of L_l, loose parts that lie upon each other keep their distance; "
                      "alternate only"),
-    PCI_FIELD_OPTION(pc_skin_options, least_motion, DOUBLE, 0.972, 0.0, 1.0, "",
+    PCI_FIELD_OPTION(pc_skin_options, least_motion, DOUBLE, 0.973, 0.0, 1.0, "",
                      "lambda_follow is raised, up to 16 times, until the garment moves this "
                      "share of the proxy's motion; alternate only"),
     PCI_FIELD_OPTION(pc_skin_options, most_strain, DOUBLE, 0.8, 0.0, 1000000.0, "",

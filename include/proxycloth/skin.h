@@ -27,10 +27,11 @@
 /// DEVIATIONS of the default solver:
 /// - The paper's losses are 0 for equal weights everywhere, so they reward less motion.
 ///   L_f = sum |u_i(t) - u*_i(t)|^2 mends that, u* the displacement that heat-smoothed weights
-///   and closest-triangle weights (proxycloth/baselines.h) give on average. Whenever slots are taken
-///   away, lambda_f becomes as large, up to 16 times, as the garment needs to move `least_motion` of
-///   what the proxy's closest points do: 1 less that ratio falls about with the root of lambda_f.
-///   A vertex whose closest point is held follows that point exactly.
+///   and closest-triangle weights (proxycloth/baselines.h) give on average. Whenever slots are
+///   taken away, lambda_f becomes as large, up to 16 times, as the garment needs to move
+///   `least_motion` of what the proxy's closest points do: what is missing of their motion falls
+///   about with the root of lambda_f. A vertex whose closest point is held follows that point
+///   exactly.
 /// - lambda_s in the same way becomes as large as the edges need to stretch, on average, no more
 ///   than `most_strain` of what closest-triangle weights do to them, which hardly stretch one flat
 ///   sheet: strain falls about with the sixth root of lambda_s.

@@ -381,7 +381,7 @@ pc_status pci_tailored_layer(pci_scratch *scratch, const char *stage, const pc_m
         status = try_peeling(scratch, stage, surface, seen, doubled, thickness, cell_size, reach,
                              layer, &layering);
     }
-    if (status == PC_OK && layer->triangle_count > 0 &&
+    if (status == PC_OK && layering != PCI_LAYERED &&
         !pci_close_slits(scratch, front_voxels * cell_size, layer)) {
         status = pci_fail_memory(scratch->context, stage);
     }

@@ -304,6 +304,18 @@ static size_t edge_triangle_count(const pci_topology *topology, size_t e) {
     return topology->edge_triangle_offsets[e + 1] - topology->edge_triangle_offsets[e];
 }
 
+double pci_boundary_length(const pc_mesh *mesh, const pci_topology *topology) {
+    double length = 0.0;
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        if (edge_triangle_count(topology, e) == 1) {
+            const uint32_t *ends = &topology->edges[2 * e];
+            length += sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)ends[0]],
+                                                &mesh->positions[3 * (size_t)ends[1]]));
+        }
+    }
+    return length;
+}
+
 // Corner of triangle t at vertex v.
 static size_t corner_of(const pc_mesh *mesh, size_t t, uint32_t v) {
     for (size_t c = 0; c < 2; ++c) {

@@ -39,6 +39,9 @@ static inline uint32_t pci_half_along(const pci_topology *topology, uint32_t t, 
 // Mean length of the edges; 0 without edges.
 double pci_mean_edge_length(const pc_mesh *mesh, const pci_topology *topology);
 
+// Length of all edges of one triangle.
+double pci_boundary_length(const pc_mesh *mesh, const pci_topology *topology);
+
 // Labels the connected components (shared edges) of triangles: component per triangle, #F. Returns
 // their number. Components are numbered by their first triangle.
 size_t pci_triangle_components(pci_scratch *scratch, const pc_mesh *mesh,

@@ -60,15 +60,8 @@ static inline void assert_manifold(const pc_mesh *mesh, const pci_topology *topo
 static inline double boundary_length(pc_context *context, const pc_mesh *mesh) {
     pci_scratch scratch = pci_scratch_begin(context);
     pci_topology topology;
-    double length = 0.0;
     assert_true(pci_topology_build_edges(&scratch, mesh, &topology));
-    for (size_t e = 0; e < topology.edge_count; ++e) {
-        if (topology.edge_triangle_offsets[e + 1] - topology.edge_triangle_offsets[e] == 1) {
-            const uint32_t *ends = &topology.edges[2 * e];
-            length += sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)ends[0]],
-                                                &mesh->positions[3 * (size_t)ends[1]]));
-        }
-    }
+    const double length = pci_boundary_length(mesh, &topology);
     pci_scratch_end(&scratch);
     return length;
 }

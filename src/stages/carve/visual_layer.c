@@ -154,21 +154,14 @@ static pci_layering classify(probe *p, double *doubled) {
 static bool is_wound(pci_scratch *scratch, const pc_mesh *layer, const pci_topology *edges,
                      const pci_bvh *bvh, double reach, bool *wound) {
     pci_hems hems;
-    double length = 0.0, open = 0.0;
+    double open = 0.0;
     if (!pci_find_hems(scratch, layer, edges, bvh, reach, &hems)) {
         return false;
     }
     for (size_t i = 0; i < hems.count; ++i) {
         open += sqrt(pci_squared_distance(&hems.points[6 * i], &hems.points[6 * i + 3]));
     }
-    for (size_t e = 0; e < edges->edge_count; ++e) {
-        if (edges->edge_triangle_offsets[e + 1] - edges->edge_triangle_offsets[e] == 1) {
-            const uint32_t *ends = &edges->edges[2 * e];
-            length += sqrt(pci_squared_distance(&layer->positions[3 * (size_t)ends[0]],
-                                                &layer->positions[3 * (size_t)ends[1]]));
-        }
-    }
-    *wound = open < (1.0 - most_wound_share) * length;
+    *wound = open < (1.0 - most_wound_share) * pci_boundary_length(layer, edges);
     return true;
 }
 
@@ -368,16 +361,13 @@ pc_status pci_tailored_layer(pci_scratch *scratch, const char *stage, const pc_m
     if (status == PC_OK && layer->triangle_count > 0) {
         status = pci_sew_parts(scratch, stage, sewing_voxels * cell_size, layer, &sewn);
     }
-    if (status == PC_OK && !sewn) {
-        pc_mesh_free(scratch->context, layer);
-    }
     const double reach = sewing_voxels * cell_size;
-    if (status == PC_OK && layer->triangle_count > 0) {
+    if (status == PC_OK && sewn) {
         status = measure(scratch, stage, surface, layer, NULL, thickness, cell_size, reach,
                          least_covered, &layering, &doubled, &seen);
     }
     // Closed parts, and parts that touch each other, are so without their linings, too.
-    if (status == PC_OK && layering != PCI_PLAIN && seen != NULL && layer->triangle_count > 0) {
+    if (status == PC_OK && layering != PCI_PLAIN && seen != NULL) {
         status = try_peeling(scratch, stage, surface, seen, doubled, thickness, cell_size, reach,
                              layer, &layering);
     }

@@ -425,13 +425,23 @@ static const struct aiScene *import(scene_reader *reader, const char *path, scen
     if (format == SCENE_GLB) {
         bytes = scene_unpack_glb(bytes, &size);
     }
-    // Files that refer to others are read through their path; the others from memory, where the
-    // hint decides about the importer.
+    if (format == SCENE_OBJ) {
+        char message[200];
+        char *plain = scene_plain_obj(path, bytes, &size, message, sizeof(message));
+        if (plain == NULL) {
+            import_fail(reader, "%s", message);
+        }
+        free(bytes);
+        bytes = plain;
+    }
+    if (size > UINT32_MAX) {
+        import_fail(reader, "the file is larger than 4 GiB");
+    }
+    // glTF files, which refer to others, are read through their path; the others from memory, where
+    // the hint decides about the importer.
     const struct aiScene *source =
-        format == SCENE_OBJ || format == SCENE_GLTF
+        format == SCENE_GLTF
             ? aiImportFileExWithProperties(path, flags, NULL, store)
-        : size > UINT32_MAX
-            ? NULL
             : aiImportFileFromMemoryWithProperties(bytes, (unsigned)size, flags,
                                                    scene_format_extension(format), store);
     free(bytes);

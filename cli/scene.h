@@ -132,6 +132,11 @@ int scene_sniff(const char *command, const char *path, scene_format *format);
 // the import child hold.
 bool scene_isolate(int descriptor);
 
+// The text of an OBJ file in the spelling that assimp reads right, as new bytes; NULL when a line
+// is wrong or memory runs out ("bad_alloc"), which the message then says.
+char *scene_plain_obj(const char *path, const char *bytes, size_t *size, char *message,
+                      size_t message_size);
+
 // Animation keys of a GLB file as floats: the same bytes where they are, else new ones.
 char *scene_unpack_glb(char *bytes, size_t *size);
 

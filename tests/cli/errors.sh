@@ -150,6 +150,24 @@ expect 3 "flat.obj: .*no triangle has an area" build flat.obj -o out
 expect 3 "nan.obj: .*vertex [0-9] has z = -?nan" voxelize nan.obj -o out.h5
 expect 3 "nan.obj" evaluate cloth.obj nan.obj
 
+# What is wrong in an OBJ file, with its line; a line that ends in a backslash goes on.
+wrong_line() { # wrong_line PATTERN TEXT: the text appended to a square
+    printf "v 0 0 0\nv 1 0 0 \\\\\n\nv 1 1 0\n$2" >wrong.obj
+    expect 3 "wrong.obj: $1" build wrong.obj -o out
+}
+wrong_line 'line 5: "0x1" is no number' 'v 0x1 0 0\n'
+wrong_line 'line 6: "1..5" is no number' '\nv 0 1..5 0\n'
+wrong_line 'line 5: a vertex has 5 numbers' 'v 0 0 0 1 1\n'
+wrong_line 'line 5: a vertex has the weight 0' 'v 0 0 0 0\n'
+wrong_line 'line 5: there is no vertex 4; the file has 3' 'f 1 2 4\n'
+wrong_line 'line 5: there is no vertex -4; the file has 3 up to there' 'f -4 1 2\nv 0 1 0\n'
+wrong_line 'line 5: there is no vertex 99999999999999999999; ' 'f 1 2 99999999999999999999\n'
+wrong_line 'line 5: there is no vertex 0' 'f 0 1 2\n'
+wrong_line 'line 6: there is no texture coordinate 2; ' 'vt 0 0\nf 1/1 2/2 3/1\n'
+wrong_line 'line 5: "2-3" is no corner of a face' 'f 1 2-3 3\n'
+wrong_line 'line 5: "1/1/1/1" is no corner of a face' 'f 1/1/1/1 2 3\n'
+wrong_line 'line 6: "x" is no corner of a face' 'f 1 2 3\nf 1 2 x\n'
+
 # Outputs that cannot be written.
 printf 'a file' >file
 expect 4 "file: the output folder cannot be written" build cloth.obj -o file

@@ -341,6 +341,69 @@ static void refuses_what_would_be_garbage(void **state) {
     assert_null(scene.buffer);
 }
 
+// The unit square, in spellings that OBJ files may use.
+static void reads_obj_however_it_is_spelled(void **state) {
+    (void)state;
+    static const char *const spellings[] = {
+        "v .0 .0 -.0\nv 1 .0 .0\nv 1. +1. 0\nv .0 1e0 .0e-3\nf 1 2 3 4\n",
+        "\xef\xbb\xbfv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf -4 -3 -2 -1\n",
+        "v 0 0 0\rv 1 0 0\rv 1 1 0\rv 0 1 0\rf 1 2 3\rf 1 3 4\r",
+        "\tv 0 0 0 \r\n  v\t1 0 0\r\n v 1 1 0\t\r\nv 0 1 0\r\nf 1 2 \\\r\n 3 4",
+        "v 0 0 0 # 7\nv 1 0 0# a b c\nv 1 1 0 #\nv 0 1 0\nf 1 2 3 4 # 5 6\n#v 9\n",
+        "f 01 +2 003 4\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nend\nparm u 0 1\n",
+        "v 0 0 0 2\nv 2 0 0 2\nv .25 .25 0 .25\nv 0 1 0 1\no\ng\ns off\nf 1 2 3 4\n",
+        "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt .5 .5 # 2\nvt 1\nf 1/1/7 2/1 3/2/ 4/1\n",
+        "v 0,0 0 0\nv 1,0 0 0\nv 1 1 0\nv 0 1 0\nvn .6 0 .8\nf 1//1 2/3/1 3//1 4/3/1\n",
+        "v 0 0 0 .5 1 1\nv 1 0 0\nv 1 1 0 1 .5 0 .25\nv 0 1 0\nf 1 2 3 4\n"};
+    for (size_t i = 0; i < sizeof(spellings) / sizeof(spellings[0]); ++i) {
+        scene_data scene;
+        if (import_text("obj", spellings[i], &scene) != CLI_OK) {
+            fail_msg("spelling %zu is refused", i);
+        }
+        double area = 0.0;
+        for (size_t t = 0; t < scene.header.triangle_count; ++t) {
+            const double *a = corner(&scene, t, 0), *b = corner(&scene, t, 1),
+                         *c = corner(&scene, t, 2);
+            area += 0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]));
+        }
+        if (scene.header.vertex_count != 4 || scene.header.triangle_count != 2 ||
+            !(fabs(area - 1.0) < 1e-6)) {
+            fail_msg("spelling %zu: %zu vertices, %zu triangles, area %g", i,
+                     (size_t)scene.header.vertex_count, (size_t)scene.header.triangle_count, area);
+        }
+        if (i == 9) { // the corners' order is that of the face
+            const float colors[] = {.5F, 1, 1, 1, 1, 1, 1, 1, 1, .5F, 0, 1, 1, 1, 1, 1};
+            assert_memory_equal(scene.colors, colors, sizeof(colors));
+        }
+        scene_free(&scene);
+    }
+}
+
+// Materials are found beside the file, under the name of the file where theirs is not there.
+static void obj_materials_lie_beside_the_file(void **state) {
+    (void)state;
+    static const char *const libraries[] = {"test file.mtl", "C:\\models\\lost.mtl"};
+    char folder[] = "/tmp/proxycloth test-XXXXXX", obj[64], mtl[64], text[256];
+    assert_non_null(mkdtemp(folder));
+    snprintf(obj, sizeof(obj), "%s/test file.obj", folder);
+    snprintf(mtl, sizeof(mtl), "%s/test file.mtl", folder);
+    write_bytes(mtl, "newmtl red\nKd .5 .25 0\n", 24);
+    for (size_t i = 0; i < 2; ++i) {
+        scene_data scene;
+        snprintf(text, sizeof(text), "mtllib %s \nv 0 0 0\nv 1 0 0\nv 1 1 0\nusemtl red\nf 1 2 3\n",
+                 libraries[i]);
+        write_bytes(obj, text, strlen(text));
+        assert_int_equal(import(obj, &scene), CLI_OK);
+        const pc_material *material = &scene.materials[scene.parts[0].material];
+        assert_string_equal(material->name, "red");
+        assert_close((double)material->base_color[1], 0.25, 1e-6);
+        scene_free(&scene);
+    }
+    remove(obj);
+    remove(mtl);
+    assert_int_equal(rmdir(folder), 0);
+}
+
 static void polygons_become_triangles_and_lines_vanish(void **state) {
     (void)state;
     scene_data scene;
@@ -563,6 +626,8 @@ int main(void) {
         cmocka_unit_test(a_metre_is_a_metre_in_text_formats),
         cmocka_unit_test(a_metre_is_a_metre_in_binary_formats),
         cmocka_unit_test(refuses_what_would_be_garbage),
+        cmocka_unit_test(reads_obj_however_it_is_spelled),
+        cmocka_unit_test(obj_materials_lie_beside_the_file),
         cmocka_unit_test(polygons_become_triangles_and_lines_vanish),
         cmocka_unit_test(joins_equal_corners_only),
         cmocka_unit_test(reads_ply_colors_and_stl),

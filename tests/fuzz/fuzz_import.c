@@ -1,6 +1,6 @@
 // What crosses the border of the import child: the buffer that it sends (first byte even; with
-// magic number and size put right in every other case), and the rewriting of GLB files inside it
-// (odd).
+// magic number and size put right in every other case), and the rewriting of OBJ files (one of
+// four) and GLB files (one of four) inside it.
 #include <string.h>
 
 #include "../../cli/scene.h"
@@ -19,12 +19,31 @@ static void unpack(const uint8_t *data, size_t size) {
     free(bytes);
 }
 
+// What is written must be read again, as it is.
+static void respell(const uint8_t *data, size_t size) {
+    char message[64];
+    size_t once = size, twice;
+    char *bytes = malloc(size + 1); // of its own, so that reading beyond it is noticed
+    fuzz_assert(bytes != NULL);
+    memcpy(bytes, data, size);
+    char *plain = scene_plain_obj("/nowhere/fuzz.obj", bytes, &once, message, sizeof(message));
+    fuzz_assert((plain == NULL) == (message[0] != '\0'));
+    if (plain != NULL) {
+        twice = once;
+        char *again = scene_plain_obj("/nowhere/fuzz.obj", plain, &twice, message, sizeof(message));
+        fuzz_assert(again != NULL && twice == once && memcmp(again, plain, once) == 0);
+        free(again);
+    }
+    free(plain);
+    free(bytes);
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     if (size == 0) {
         return 0;
     }
     if (data[0] % 2 != 0) {
-        unpack(data + 1, size - 1);
+        (data[0] % 4 == 3 ? respell : unpack)(data + 1, size - 1);
         return 0;
     }
     pc_context *context = fuzz_context();

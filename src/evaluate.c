@@ -108,12 +108,11 @@ static uint32_t corner_at(const pc_mesh *mesh, uint32_t triangle, uint32_t verte
 static void join_fans(const pci_topology *topology, const pc_mesh *mesh, uint32_t *fan) {
     pci_singletons(fan, 3 * mesh->triangle_count);
     for (size_t e = 0; e < topology->edge_count; ++e) {
-        const size_t begin = topology->edge_triangle_offsets[e];
-        for (size_t k = begin + 1; k < topology->edge_triangle_offsets[e + 1]; ++k) {
+        const uint32_t *sides = pci_sides(topology, e);
+        for (size_t k = 1; k < pci_side_count(topology, e); ++k) {
             for (size_t end = 0; end < 2; ++end) {
                 const uint32_t v = topology->edges[2 * e + end];
-                pci_unite(fan, corner_at(mesh, topology->edge_triangles[begin], v),
-                          corner_at(mesh, topology->edge_triangles[k], v));
+                pci_unite(fan, corner_at(mesh, sides[0], v), corner_at(mesh, sides[k], v));
             }
         }
     }
@@ -141,16 +140,14 @@ static uint64_t count_boundary_loops(const pci_topology *topology, const pc_mesh
                                      uint32_t *fan, uint32_t *loop, uint32_t *first) {
     uint64_t loops = 0;
     for (size_t e = 0; e < topology->edge_count; ++e) {
-        const size_t begin = topology->edge_triangle_offsets[e];
-        if (topology->edge_triangle_offsets[e + 1] - begin != 1) {
+        if (pci_side_count(topology, e) != 1) {
             continue;
         }
         loop[e] = (uint32_t)e;
         ++loops;
         for (size_t end = 0; end < 2; ++end) {
             const uint32_t v = topology->edges[2 * e + end];
-            const uint32_t at =
-                pci_find_root(fan, corner_at(mesh, topology->edge_triangles[begin], v));
+            const uint32_t at = pci_find_root(fan, corner_at(mesh, *pci_sides(topology, e), v));
             if (first[at] == 0) {
                 first[at] = (uint32_t)e + 1;
             } else {
@@ -292,7 +289,7 @@ static bool boundary_segments(pci_scratch *scratch, const pc_mesh *mesh, double 
     }
     *points = PCI_SCRATCH(scratch, double, 6 * topology.edge_count);
     for (size_t e = 0; e < topology.edge_count && *points != NULL; ++e) {
-        if (topology.edge_triangle_offsets[e + 1] - topology.edge_triangle_offsets[e] == 1) {
+        if (pci_side_count(&topology, e) == 1) {
             for (size_t end = 0; end < 2; ++end) {
                 memcpy(&(*points)[6 * *count + 3 * end],
                        &mesh->positions[3 * (size_t)topology.edges[2 * e + end]],

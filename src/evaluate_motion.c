@@ -112,11 +112,10 @@ static void prepare_edges(evaluation *e) {
             sqrt(pci_squared_distance(&e->surface->positions[3 * (size_t)edge[0]],
                                       &e->surface->positions[3 * (size_t)edge[1]]));
         e->lengths[i] = length > smallest ? length : 0.0;
-        const size_t first = topology->edge_triangle_offsets[i];
-        if (topology->edge_triangle_offsets[i + 1] - first != 2) {
+        if (pci_side_count(topology, i) != 2) {
             continue;
         }
-        const uint32_t a = topology->edge_triangles[first], b = topology->edge_triangles[first + 1];
+        const uint32_t a = pci_sides(topology, i)[0], b = pci_sides(topology, i)[1];
         const double sign =
             runs_along(e->surface, a, edge) != runs_along(e->surface, b, edge) ? 1.0 : -1.0;
         const double cosine =
@@ -188,7 +187,7 @@ static void measure_folds(const evaluation *e, const double *posed, double *norm
     unit_normals(e->surface, posed, normals);
     memset(folded, 0, e->surface->triangle_count);
     for (size_t i = 0; i < topology->edge_count; ++i) {
-        const uint32_t *pair = &topology->edge_triangles[topology->edge_triangle_offsets[i]];
+        const uint32_t *pair = pci_sides(topology, i);
         if (e->bends[i] != 0 && (double)e->bends[i] * pci_dot(&normals[3 * (size_t)pair[0]],
                                                               &normals[3 * (size_t)pair[1]]) <
                                     0.0) {

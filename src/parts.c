@@ -70,7 +70,7 @@ static bool find_border(pci_scratch *scratch, const pc_mesh *mesh, double longes
         return false;
     }
     for (size_t e = 0; e < topology.edge_count; ++e) {
-        if (topology.edge_triangle_offsets[e + 1] - topology.edge_triangle_offsets[e] != 1) {
+        if (pci_side_count(&topology, e) != 1) {
             continue;
         }
         const double *a = &mesh->positions[3 * (size_t)topology.edges[2 * e]];

@@ -339,14 +339,14 @@ static bool find_twins(const repair *r, uint32_t *twins) {
     const pci_topology *topology = &r->topology;
     memset(twins, 0xff, 3 * r->mesh->triangle_count * sizeof(*twins));
     for (size_t e = 0; e < topology->edge_count; ++e) {
-        const size_t first = topology->edge_triangle_offsets[e];
-        const size_t count = topology->edge_triangle_offsets[e + 1] - first;
+        const uint32_t *sides = pci_sides(topology, e);
+        const size_t count = pci_side_count(topology, e);
         if (count > 2) {
             return false;
         }
         if (count == 2) {
-            const uint32_t h = pci_half_along(topology, topology->edge_triangles[first], e);
-            const uint32_t g = pci_half_along(topology, topology->edge_triangles[first + 1], e);
+            const uint32_t h = pci_half_along(topology, sides[0], e);
+            const uint32_t g = pci_half_along(topology, sides[1], e);
             if (r->mesh->triangles[h] == r->mesh->triangles[g]) {
                 return false;
             }

@@ -56,9 +56,7 @@ static bool find_borders(pci_scratch *scratch, pci_model *model) {
     }
     for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
         const uint32_t e = topology->triangle_edges[i];
-        const bool border =
-            e != PC_INVALID_INDEX &&
-            topology->edge_triangle_offsets[e + 1] - topology->edge_triangle_offsets[e] == 1;
+        const bool border = e != PC_INVALID_INDEX && pci_side_count(topology, e) == 1;
         borders[i / 3] |= (uint8_t)((border ? 1U : 0U) << i % 3);
     }
     model->topology = topology;

@@ -197,8 +197,7 @@ static double one_sided(const pci_bvh *bvh, const pc_mesh *mesh, const double po
 
 // An edge may be a rim when it has one triangle, more than two, or bends by more than 60 degrees.
 static bool may_be_rim(const pc_mesh *mesh, const pci_topology *topology, size_t edge) {
-    const size_t first = topology->edge_triangle_offsets[edge];
-    if (topology->edge_triangle_offsets[edge + 1] - first != 2) {
+    if (pci_side_count(topology, edge) != 2) {
         return true;
     }
     double normals[2][3], along[3];
@@ -206,7 +205,7 @@ static bool may_be_rim(const pc_mesh *mesh, const pci_topology *topology, size_t
     pci_sub(&mesh->positions[3 * (size_t)ends[1]], &mesh->positions[3 * (size_t)ends[0]], along);
     double wings[2][3]; // from the edge into each triangle, square to the edge
     for (size_t side = 0; side < 2; ++side) {
-        const uint32_t *corner = &mesh->triangles[3 * topology->edge_triangles[first + side]];
+        const uint32_t *corner = &mesh->triangles[3 * (size_t)pci_sides(topology, edge)[side]];
         uint32_t apex = corner[0];
         for (size_t k = 0; k < 3; ++k) {
             apex = corner[k] != ends[0] && corner[k] != ends[1] ? corner[k] : apex;

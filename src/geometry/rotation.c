@@ -209,8 +209,7 @@ static bool fill(pc_context *context, const pc_mesh *mesh, const uint8_t *pinned
         }
         list_bodies(&topology, e);
         for (size_t i = 0; i < topology.edge_count; ++i) {
-            const size_t count =
-                topology.edge_triangle_offsets[i + 1] - topology.edge_triangle_offsets[i];
+            const size_t count = pci_side_count(&topology, i);
             for (size_t end = 0; end < 2 && count != 2; ++end) {
                 e->border[topology.edges[2 * i + end]] = 1;
             }

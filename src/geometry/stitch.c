@@ -63,7 +63,7 @@ static int compare_notches(const void *left, const void *right) {
 static bool find_border(pci_scratch *scratch, const pci_topology *edges, stitching *s) {
     const pc_mesh *mesh = s->mesh;
     for (size_t e = 0; e < edges->edge_count; ++e) {
-        s->half_count += edges->edge_triangle_offsets[e + 1] - edges->edge_triangle_offsets[e] == 1;
+        s->half_count += pci_side_count(edges, e) == 1;
     }
     s->halves = PCI_SCRATCH(scratch, uint32_t, s->half_count);
     s->vertices = PCI_SCRATCH(scratch, uint32_t, 2 * s->half_count);
@@ -77,9 +77,8 @@ static bool find_border(pci_scratch *scratch, const pci_topology *edges, stitchi
     }
     size_t count = 0;
     for (size_t e = 0; e < edges->edge_count; ++e) {
-        const size_t at = edges->edge_triangle_offsets[e];
-        if (edges->edge_triangle_offsets[e + 1] - at == 1) {
-            s->halves[count / 2] = pci_half_along(edges, edges->edge_triangles[at], e);
+        if (pci_side_count(edges, e) == 1) {
+            s->halves[count / 2] = pci_half_along(edges, *pci_sides(edges, e), e);
             for (size_t k = 0; k < 2; ++k) {
                 const uint32_t v = edges->edges[2 * e + k];
                 places[count++] = (place){&mesh->positions[3 * (size_t)v], v};

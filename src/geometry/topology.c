@@ -285,9 +285,8 @@ size_t pci_triangle_components(pci_scratch *scratch, const pc_mesh *mesh,
                 if (e == PC_INVALID_INDEX) {
                     continue;
                 }
-                for (size_t k = topology->edge_triangle_offsets[e];
-                     k < topology->edge_triangle_offsets[e + 1]; ++k) {
-                    const uint32_t other = topology->edge_triangles[k];
+                for (size_t k = 0; k < pci_side_count(topology, e); ++k) {
+                    const uint32_t other = pci_sides(topology, e)[k];
                     if (component[other] == PC_INVALID_INDEX) {
                         component[other] = (uint32_t)count;
                         stack[depth++] = other;
@@ -300,14 +299,37 @@ size_t pci_triangle_components(pci_scratch *scratch, const pc_mesh *mesh,
     return count;
 }
 
-static size_t edge_triangle_count(const pci_topology *topology, size_t e) {
-    return topology->edge_triangle_offsets[e + 1] - topology->edge_triangle_offsets[e];
+void pci_join_alike(const pci_topology *topology, size_t triangle_count, const uint8_t *marked,
+                    uint32_t *parents) {
+    pci_singletons(parents, triangle_count);
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        const uint32_t *sides = pci_sides(topology, e);
+        if (pci_side_count(topology, e) == 2 && !marked[sides[0]] == !marked[sides[1]]) {
+            pci_unite(parents, sides[0], sides[1]);
+        }
+    }
+}
+
+void pci_mark_border(const pci_topology *topology, uint8_t *border) {
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        if (pci_side_count(topology, e) == 1) {
+            border[topology->edges[2 * e]] = border[topology->edges[2 * e + 1]] = 1;
+        }
+    }
+}
+
+void pci_mark_open(const pci_topology *topology, const uint32_t *component, uint8_t *open) {
+    for (size_t e = 0; e < topology->edge_count; ++e) {
+        if (pci_side_count(topology, e) == 1) {
+            open[component[*pci_sides(topology, e)]] = 1;
+        }
+    }
 }
 
 double pci_boundary_length(const pc_mesh *mesh, const pci_topology *topology) {
     double length = 0.0;
     for (size_t e = 0; e < topology->edge_count; ++e) {
-        if (edge_triangle_count(topology, e) == 1) {
+        if (pci_side_count(topology, e) == 1) {
             const uint32_t *ends = &topology->edges[2 * e];
             length += sqrt(pci_squared_distance(&mesh->positions[3 * (size_t)ends[0]],
                                                 &mesh->positions[3 * (size_t)ends[1]]));
@@ -330,7 +352,7 @@ static size_t corner_of(const pc_mesh *mesh, size_t t, uint32_t v) {
 static bool is_border(const pc_mesh *mesh, const pci_topology *topology, size_t half) {
     const uint32_t e = topology->triangle_edges[half];
     const size_t last = half - half % 3 + 2;
-    return e != PC_INVALID_INDEX && edge_triangle_count(topology, e) == 1 &&
+    return e != PC_INVALID_INDEX && pci_side_count(topology, e) == 1 &&
            !is_repeated(mesh, last - 1) && !is_repeated(mesh, last);
 }
 
@@ -365,11 +387,10 @@ bool pci_boundary_loops(pci_scratch *scratch, const pc_mesh *mesh, const pci_top
                 const size_t c = corner_of(mesh, t, pivot);
                 const uint32_t e = topology->triangle_edges[3 * t + c];
                 half = 3 * t + c;
-                if (e == PC_INVALID_INDEX || edge_triangle_count(topology, e) != 2) {
+                if (e == PC_INVALID_INDEX || pci_side_count(topology, e) != 2) {
                     break;
                 }
-                const uint32_t *pair =
-                    &topology->edge_triangles[topology->edge_triangle_offsets[e]];
+                const uint32_t *pair = pci_sides(topology, e);
                 t = pair[0] == t ? pair[1] : pair[0];
             }
             if (!is_border(mesh, topology, half)) {
@@ -406,7 +427,7 @@ bool pci_same_topology(const pci_shape *a, const pci_shape *b) {
 size_t pci_nonmanifold_edge_count(const pci_topology *topology) {
     size_t count = 0;
     for (size_t e = 0; e < topology->edge_count; ++e) {
-        count += edge_triangle_count(topology, e) > 2;
+        count += pci_side_count(topology, e) > 2;
     }
     return count;
 }

@@ -27,6 +27,14 @@ bool pci_topology_build_watched(pci_scratch *scratch, const pc_mesh *mesh, pci_t
 // is more than half of the work.
 bool pci_topology_build_edges(pci_scratch *scratch, const pc_mesh *mesh, pci_topology *topology);
 
+// The triangles of edge e, ascending, and their number.
+static inline const uint32_t *pci_sides(const pci_topology *topology, size_t e) {
+    return &topology->edge_triangles[topology->edge_triangle_offsets[e]];
+}
+static inline size_t pci_side_count(const pci_topology *topology, size_t e) {
+    return topology->edge_triangle_offsets[e + 1] - topology->edge_triangle_offsets[e];
+}
+
 // The half-edge (3 t + corner) of triangle t that runs along edge e, one of its three.
 static inline uint32_t pci_half_along(const pci_topology *topology, uint32_t t, size_t e) {
     uint32_t half = 3 * t;
@@ -56,6 +64,18 @@ size_t pci_manifold_components(pci_scratch *scratch, const pc_mesh *mesh, uint32
 // scratch memory, #components; NULL: out of memory.
 double *pci_component_volumes(pci_scratch *scratch, const pc_mesh *mesh, const uint32_t *component,
                               size_t count);
+
+// Joins triangles across edges of two where both are marked, with any mark, or neither is.
+// `parents` (#F, core/union_find.h) receives the sets.
+void pci_join_alike(const pci_topology *topology, size_t triangle_count, const uint8_t *marked,
+                    uint32_t *parents);
+
+// Marks the vertices on edges of one triangle in `border` (#V, zeroed).
+void pci_mark_border(const pci_topology *topology, uint8_t *border);
+
+// Marks the components, as pci_triangle_components numbers them, with an edge of one triangle in
+// `open` (zeroed).
+void pci_mark_open(const pci_topology *topology, const uint32_t *component, uint8_t *open);
 
 // Joins the vertices of each triangle in `parents` (#V, core/union_find.h). Returns the number of
 // sets; a vertex without triangles is one of its own.

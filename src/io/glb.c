@@ -51,14 +51,12 @@ static uint32_t *bend_pairs(pci_glb *glb, const pci_topology *topology, size_t *
     uint32_t *pairs = PCI_SCRATCH(&glb->scratch, uint32_t, 2 * topology->edge_count);
     *count = 0;
     for (size_t e = 0; e < topology->edge_count && pairs != NULL; ++e) {
-        const size_t first = topology->edge_triangle_offsets[e];
-        if (topology->edge_triangle_offsets[e + 1] - first != 2) {
+        if (pci_side_count(topology, e) != 2) {
             continue;
         }
         uint32_t pair[2] = {0};
         for (size_t side = 0; side < 2; ++side) {
-            const uint32_t *corner =
-                &proxy->triangles[3 * (size_t)topology->edge_triangles[first + side]];
+            const uint32_t *corner = &proxy->triangles[3 * (size_t)pci_sides(topology, e)[side]];
             const uint32_t *edge = &topology->edges[2 * e];
             for (size_t k = 0; k < 3; ++k) {
                 if (corner[k] != edge[0] && corner[k] != edge[1]) {

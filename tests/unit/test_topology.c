@@ -1,5 +1,6 @@
 #include "geometry/topology.h"
 
+#include "core/union_find.h"
 #include "geometry/locality.h"
 #include "support/surfaces.h"
 #include "support/test.h"
@@ -224,6 +225,41 @@ static void counts_equal_brute_force(void **state) {
         pci_scratch_end(&scratch);
         pc_mesh_free(context, &mesh);
     }
+    pc_context_destroy(context);
+}
+
+// A sheet of two by two quads beside a tetrahedron.
+static void marks_part_and_borders_show(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pci_scratch scratch = pci_scratch_begin(context);
+    pc_mesh flat = sheet(context, 2, NULL);
+    pc_mesh mesh = allocate_mesh(context, 13, 12);
+    const uint32_t closed[12] = {9, 11, 10, 9, 10, 12, 10, 11, 12, 11, 9, 12};
+    memset(mesh.positions, 0, 39 * sizeof(double));
+    memcpy(mesh.triangles, flat.triangles, 24 * sizeof(uint32_t));
+    memcpy(&mesh.triangles[24], closed, sizeof(closed));
+    pci_topology topology;
+    assert_true(pci_topology_build_edges(&scratch, &mesh, &topology));
+    uint32_t component[12], parents[12];
+    uint8_t border[13] = {0}, open[2] = {0}, marked[12] = {0};
+    assert_int_equal(pci_triangle_components(&scratch, &mesh, &topology, component), 2);
+    pci_mark_border(&topology, border);
+    pci_mark_open(&topology, component, open);
+    for (size_t v = 0; v < 13; ++v) {
+        assert_int_equal(border[v], v < 9 && v != 4); // all but the middle of the sheet
+    }
+    assert_int_equal(open[0], 1);
+    assert_int_equal(open[1], 0);
+    marked[1] = 7, marked[4] = 1; // side by side, they cut off triangle 5
+    pci_join_alike(&topology, 12, marked, parents);
+    for (uint32_t t = 0; t < 12; ++t) {
+        const uint32_t root = t == 1 || t == 4 ? 1 : t == 5 ? 5 : t < 8 ? 0 : 8;
+        assert_int_equal(pci_find_root(parents, t), root);
+    }
+    pci_scratch_end(&scratch);
+    pc_mesh_free(context, &flat);
+    pc_mesh_free(context, &mesh);
     pc_context_destroy(context);
 }
 
@@ -665,6 +701,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(tables_equal_brute_force),
         cmocka_unit_test(counts_equal_brute_force),
+        cmocka_unit_test(marks_part_and_borders_show),
         cmocka_unit_test(sheet_has_one_loop_along_its_winding),
         cmocka_unit_test(loops_follow_fans),
         cmocka_unit_test(closed_mesh_has_no_loop),

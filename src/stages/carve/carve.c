@@ -252,11 +252,7 @@ static bool unite_cracks(pci_scratch *scratch, const pc_mesh *mesh, const pci_to
     if (scratch->failed) {
         return false;
     }
-    for (size_t e = 0; e < edges->edge_count; ++e) {
-        if (edges->edge_triangle_offsets[e + 1] - edges->edge_triangle_offsets[e] == 1) {
-            border[edges->edges[2 * e]] = border[edges->edges[2 * e + 1]] = 1;
-        }
-    }
+    pci_mark_border(edges, border);
     for (size_t v = 0; v < mesh->vertex_count; ++v) {
         if (border[v]) {
             memcpy(&points[3 * count], &mesh->positions[3 * v], 3 * sizeof(*points));

@@ -14,27 +14,14 @@ typedef struct piece {
     bool wide;
 } piece;
 
-static bool has_two_sides(const pci_topology *topology, size_t e) {
-    return topology->edge_triangle_offsets[e + 1] - topology->edge_triangle_offsets[e] == 2;
-}
-
-static void join_pieces(const pci_topology *topology, const uint8_t *keep, uint32_t *of) {
-    for (size_t e = 0; e < topology->edge_count; ++e) {
-        const uint32_t *sides = &topology->edge_triangles[topology->edge_triangle_offsets[e]];
-        if (has_two_sides(topology, e) && !keep[sides[0]] && !keep[sides[1]]) {
-            pci_unite(of, sides[0], sides[1]);
-        }
-    }
-}
-
 // Measures the borders; `points` (room for #edges by 3) receives their middles.
 static size_t measure_borders(const pc_mesh *mesh, const pci_topology *topology,
                               const pci_knn *rims, double reach, const uint8_t *keep, uint32_t *of,
                               piece *pieces, double *points) {
     size_t count = 0;
     for (size_t e = 0; e < topology->edge_count; ++e) {
-        const uint32_t *sides = &topology->edge_triangles[topology->edge_triangle_offsets[e]];
-        if (!has_two_sides(topology, e) || keep[sides[0]] == keep[sides[1]]) {
+        const uint32_t *sides = pci_sides(topology, e);
+        if (pci_side_count(topology, e) != 2 || keep[sides[0]] == keep[sides[1]]) {
             continue;
         }
         const double *from = &mesh->positions[3 * (size_t)topology->edges[2 * e]];
@@ -69,8 +56,7 @@ bool pci_keep_dents(pci_scratch *scratch, const pc_mesh *projected, const pci_kn
     if (points == NULL) {
         return false;
     }
-    pci_singletons(of, triangles);
-    join_pieces(&topology, keep, of);
+    pci_join_alike(&topology, triangles, keep, of);
     const size_t count = measure_borders(projected, &topology, rims, rim_voxels * cell_size, keep,
                                          of, pieces, points);
     if (!pci_knn_build(scratch, count, points, &borders)) {

@@ -117,7 +117,7 @@ static double edge_length(const lining *l, size_t e) {
 
 // Cosine between the two triangles at an edge.
 static double facing_at(const lining *l, size_t e) {
-    const uint32_t *sides = &l->topology.edge_triangles[l->topology.edge_triangle_offsets[e]];
+    const uint32_t *sides = pci_sides(&l->topology, e);
     return pci_dot(&l->normals[3 * (size_t)sides[0]], &l->normals[3 * (size_t)sides[1]]);
 }
 
@@ -131,9 +131,8 @@ static bool join_patches(lining *l) {
     }
     pci_singletons(parents, triangles);
     for (size_t e = 0; e < l->topology.edge_count; ++e) {
-        const size_t first = l->topology.edge_triangle_offsets[e];
-        const uint32_t *sides = &l->topology.edge_triangles[first];
-        if (l->topology.edge_triangle_offsets[e + 1] - first == 2 && facing_at(l, e) > least_fold) {
+        const uint32_t *sides = pci_sides(&l->topology, e);
+        if (pci_side_count(&l->topology, e) == 2 && facing_at(l, e) > least_fold) {
             pci_unite(parents, sides[0], sides[1]);
         }
     }
@@ -173,11 +172,10 @@ static bool make_graph(const lining *l, pci_signed_graph *graph) {
         }
     }
     for (size_t e = 0; e < l->topology.edge_count; ++e) {
-        const size_t first = l->topology.edge_triangle_offsets[e];
-        if (l->topology.edge_triangle_offsets[e + 1] - first != 2) {
+        if (pci_side_count(&l->topology, e) != 2) {
             continue;
         }
-        const uint32_t *sides = &l->topology.edge_triangles[first];
+        const uint32_t *sides = pci_sides(&l->topology, e);
         const double width = l->reach * cut_width * (fold_share + 0.5 * (1.0 + facing_at(l, e)));
         add_wish(l, sides[0], sides[1], false, width * edge_length(l, e) / total, &w);
     }
@@ -218,15 +216,7 @@ static int compare_pieces(const void *left, const void *right) { // largest firs
 
 // Finds the pieces by their first triangles; `of` tells that of each triangle's piece.
 static void join_pieces(const lining *l, const uint8_t *keep, uint32_t *of) {
-    pci_singletons(of, l->mesh->triangle_count);
-    for (size_t e = 0; e < l->topology.edge_count; ++e) {
-        const size_t first = l->topology.edge_triangle_offsets[e];
-        const uint32_t *sides = &l->topology.edge_triangles[first];
-        if (l->topology.edge_triangle_offsets[e + 1] - first == 2 && !keep[sides[0]] &&
-            !keep[sides[1]]) {
-            pci_unite(of, sides[0], sides[1]);
-        }
-    }
+    pci_join_alike(&l->topology, l->mesh->triangle_count, keep, of);
     for (uint32_t t = 0; t < l->mesh->triangle_count; ++t) {
         of[t] = pci_find_root(of, t);
     }
@@ -247,10 +237,8 @@ static bool list_pieces(const lining *l, uint8_t *keep, uint32_t *of, piece **pi
         all[of[t]].area += pci_triangle_area(l->mesh, t);
     }
     for (size_t e = 0; e < l->topology.edge_count; ++e) {
-        const size_t first = l->topology.edge_triangle_offsets[e];
-        const uint32_t *sides = &l->topology.edge_triangles[first];
-        if (l->topology.edge_triangle_offsets[e + 1] - first == 2 &&
-            keep[sides[0]] != keep[sides[1]]) {
+        const uint32_t *sides = pci_sides(&l->topology, e);
+        if (pci_side_count(&l->topology, e) == 2 && keep[sides[0]] != keep[sides[1]]) {
             piece *p = &all[of[sides[keep[sides[0]] ? 1 : 0]]];
             p->cut += edge_length(l, e);
             p->through += facing_at(l, e) > most_flat ? edge_length(l, e) : 0.0;
@@ -295,11 +283,10 @@ typedef struct tally {
 // The half-edge along the same edge in another triangle that is kept; PC_INVALID_INDEX: none.
 static uint32_t half_across(const lining *l, const uint8_t *keep, uint32_t half) {
     const uint32_t e = l->topology.triangle_edges[half];
-    const size_t *offsets = l->topology.edge_triangle_offsets;
-    if (e == PC_INVALID_INDEX || offsets[e + 1] - offsets[e] != 2) {
+    if (e == PC_INVALID_INDEX || pci_side_count(&l->topology, e) != 2) {
         return PC_INVALID_INDEX;
     }
-    const uint32_t *sides = &l->topology.edge_triangles[offsets[e]];
+    const uint32_t *sides = pci_sides(&l->topology, e);
     const uint32_t other = sides[sides[0] == half / 3 ? 1 : 0];
     return keep[other] ? pci_half_along(&l->topology, other, e) : PC_INVALID_INDEX;
 }
@@ -336,9 +323,8 @@ static bool fits(const lining *l, const uint8_t *keep, const pci_shape *wanted, 
     pci_singletons(c->parents, mesh->triangle_count);
     memset(c->marks, 0, mesh->vertex_count);
     for (size_t e = 0; e < l->topology.edge_count; ++e) {
-        const size_t begin = l->topology.edge_triangle_offsets[e];
-        const uint32_t *sides = &l->topology.edge_triangles[begin];
-        const bool inner = l->topology.edge_triangle_offsets[e + 1] - begin == 2;
+        const uint32_t *sides = pci_sides(&l->topology, e);
+        const bool inner = pci_side_count(&l->topology, e) == 2;
         const bool first = keep[sides[0]], second = inner && keep[sides[1]];
         edges += first || second;
         if (first && second) {

@@ -102,7 +102,7 @@ static uint32_t *border_faces(pci_scratch *scratch, const pc_mesh *mesh,
     uint32_t *faces = PCI_SCRATCH(scratch, uint32_t, mesh->vertex_count);
     for (size_t i = 0; faces != NULL && i < 3 * mesh->triangle_count; ++i) {
         const uint32_t e = topology->triangle_edges[i];
-        if (topology->edge_triangle_offsets[e + 1] - topology->edge_triangle_offsets[e] == 1) {
+        if (pci_side_count(topology, e) == 1) {
             faces[mesh->triangles[i]] = (uint32_t)(i / 3);
         }
     }

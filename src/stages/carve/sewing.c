@@ -55,15 +55,7 @@ static bool turn_small_pieces(pci_scratch *scratch, const covering *c, const pci
     if (scratch->failed) {
         return false;
     }
-    pci_singletons(piece, triangles);
-    for (size_t e = 0; e < topology->edge_count; ++e) {
-        const size_t first = topology->edge_triangle_offsets[e];
-        const uint32_t *sides = &topology->edge_triangles[first];
-        if (topology->edge_triangle_offsets[e + 1] - first == 2 &&
-            c->covered[sides[0]] == c->covered[sides[1]]) {
-            pci_unite(piece, sides[0], sides[1]);
-        }
-    }
+    pci_join_alike(topology, triangles, c->covered, piece);
     for (uint32_t t = 0; t < triangles; ++t) {
         sums[pci_find_root(piece, t)] += pci_triangle_area(c->mesh, t);
     }

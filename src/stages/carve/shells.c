@@ -25,7 +25,7 @@ typedef struct peeling {
     double thickest;
     size_t component_count;
     uint32_t *component;  // #F
-    uint8_t *closed;      // per component
+    uint8_t *open;        // per component
     const double *volume; // per component, signed
     double *thickness;    // #F, to the triangle behind; HUGE_VAL: none
     uint32_t *behind;     // #F, the triangle behind
@@ -52,7 +52,7 @@ static void look_behind(void *user, size_t begin, size_t end, uint32_t worker) {
         double middle[3], normal[3], other[3], direction[3];
         p->thickness[t] = HUGE_VAL;
         pci_triangle_vector(p->mesh, t, normal);
-        if (!p->closed[p->component[t]] || !pci_normalize(normal)) {
+        if (p->open[p->component[t]] || !pci_normalize(normal)) {
             continue;
         }
         pci_triangle_middle(p->mesh, t, middle);
@@ -79,7 +79,7 @@ static bool measure_components(peeling *p) {
         return false;
     }
     p->component_count = pci_triangle_components(p->scratch, mesh, p->topology, p->component);
-    p->closed = PCI_SCRATCH(p->scratch, uint8_t, p->component_count);
+    p->open = PCI_SCRATCH(p->scratch, uint8_t, p->component_count);
     p->volume = pci_component_volumes(p->scratch, p->mesh, p->component, p->component_count);
     p->thickness = PCI_SCRATCH(p->scratch, double, mesh->triangle_count);
     p->behind = PCI_SCRATCH(p->scratch, uint32_t, mesh->triangle_count);
@@ -87,14 +87,7 @@ static bool measure_components(peeling *p) {
     if (p->scratch->failed) {
         return false;
     }
-    memset(p->closed, 1, p->component_count);
-    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
-        const size_t e = p->topology->triangle_edges[i];
-        if (p->topology->edge_triangle_offsets[e + 1] - p->topology->edge_triangle_offsets[e] ==
-            1) {
-            p->closed[p->component[i / 3]] = 0;
-        }
-    }
+    pci_mark_open(p->topology, p->component, p->open);
     return true;
 }
 
@@ -155,17 +148,7 @@ static bool find_usual(const peeling *p, double *usual) {
 
 // Joins neighbours that both belong to a skin, or both to the rim. `in_skin` is #F.
 static void join_skins(peeling *p, const uint8_t *in_skin) {
-    pci_singletons(p->skin, p->mesh->triangle_count);
-    for (size_t e = 0; e < p->topology->edge_count; ++e) {
-        const size_t first = p->topology->edge_triangle_offsets[e];
-        if (p->topology->edge_triangle_offsets[e + 1] - first == 2) {
-            const uint32_t a = p->topology->edge_triangles[first];
-            const uint32_t b = p->topology->edge_triangles[first + 1];
-            if (in_skin[a] == in_skin[b]) {
-                pci_unite(p->skin, a, b);
-            }
-        }
-    }
+    pci_join_alike(p->topology, p->mesh->triangle_count, in_skin, p->skin);
     for (uint32_t t = 0; t < p->mesh->triangle_count; ++t) {
         p->skin[t] = pci_find_root(p->skin, t);
     }
@@ -217,13 +200,10 @@ static void find_sides(const peeling *p, const uint32_t *pairs, uint8_t *side) {
     for (bool changed = true; changed;) {
         changed = false;
         for (size_t e = 0; e < p->topology->edge_count; ++e) {
-            const size_t first = p->topology->edge_triangle_offsets[e];
-            if (p->topology->edge_triangle_offsets[e + 1] - first != 2) {
-                continue;
-            }
-            for (size_t k = 0; k < 2; ++k) {
-                const uint32_t a = p->skin[p->topology->edge_triangles[first + k]];
-                const uint32_t b = p->skin[p->topology->edge_triangles[first + 1 - k]];
+            const uint32_t *sides = pci_sides(p->topology, e);
+            for (size_t k = 0; k < 2 && pci_side_count(p->topology, e) == 2; ++k) {
+                const uint32_t a = p->skin[sides[k]];
+                const uint32_t b = p->skin[sides[1 - k]];
                 const uint32_t *pair = &pairs[2 * (size_t)p->component[a]];
                 if (b != pair[0] && b != pair[1] && (side[a] & ~side[b]) != 0) {
                     side[b] |= side[a];
@@ -272,7 +252,7 @@ pc_status pci_peel_shells(pci_scratch *scratch, const char *stage, double thicke
     if (!measure_components(&p)) {
         return pci_fail_memory(scratch->context, stage);
     }
-    if (memchr(p.closed, 1, p.component_count) == NULL) {
+    if (memchr(p.open, 0, p.component_count) == NULL) {
         return PC_OK;
     }
     pci_bvh *bvh = NULL;

@@ -113,22 +113,14 @@ static void find_missed(void *user, size_t begin, size_t end, uint32_t worker) {
 }
 
 // Whether each component has a border: a closed one is a doubled sheet or a solid.
-static bool all_open(pci_scratch *scratch, const pc_mesh *mesh, const pci_topology *topology,
-                     const uint32_t *component, size_t count) {
+static bool all_open(pci_scratch *scratch, const pci_topology *topology, const uint32_t *component,
+                     size_t count) {
     uint8_t *open = PCI_SCRATCH(scratch, uint8_t, count);
     if (open == NULL) {
         return false;
     }
-    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
-        const uint32_t e = topology->triangle_edges[i];
-        open[component[i / 3]] |=
-            topology->edge_triangle_offsets[e + 1] - topology->edge_triangle_offsets[e] == 1;
-    }
-    bool all = true;
-    for (size_t i = 0; i < count; ++i) {
-        all = all && open[i];
-    }
-    return all;
+    pci_mark_open(topology, component, open);
+    return memchr(open, 0, count) == NULL;
 }
 
 // @param doubled  receives the share of the area that sees another sheet, if nothing touches
@@ -186,7 +178,7 @@ static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh 
     }
     edges = edges == NULL ? &built : edges;
     p.component_count = pci_triangle_components(scratch, layer, edges, component);
-    if (!all_open(scratch, layer, edges, component, p.component_count)) {
+    if (!all_open(scratch, edges, component, p.component_count)) {
         return scratch->failed ? pci_fail_memory(context, stage) : PC_OK;
     }
     pci_bvh *bvh = NULL;

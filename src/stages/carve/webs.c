@@ -144,20 +144,6 @@ bool pci_find_away(pc_context *context, const pci_bvh *cloth, const pc_mesh *lay
     return pci_parallel_while_wanted(context, layer->triangle_count, grain, mark_away, &job);
 }
 
-// Unites triangles across edges of two where both are marked, with any mark, or neither is.
-static void join_alike(const pci_topology *topology, size_t triangles, const uint8_t *marked,
-                       uint32_t *piece) {
-    pci_singletons(piece, triangles);
-    for (size_t e = 0; e < topology->edge_count; ++e) {
-        const size_t first = topology->edge_triangle_offsets[e];
-        const uint32_t *sides = &topology->edge_triangles[first];
-        if (topology->edge_triangle_offsets[e + 1] - first == 2 &&
-            !marked[sides[0]] == !marked[sides[1]]) {
-            pci_unite(piece, sides[0], sides[1]);
-        }
-    }
-}
-
 // Marks connected pieces of what is away that have a bridge. False: out of memory.
 static bool mark_webs(pci_scratch *scratch, const pc_mesh *layer, const pci_topology *topology,
                       const uint8_t *away, uint8_t *web) {
@@ -166,7 +152,7 @@ static bool mark_webs(pci_scratch *scratch, const pc_mesh *layer, const pci_topo
     if (scratch->failed) {
         return false;
     }
-    join_alike(topology, layer->triangle_count, away, piece);
+    pci_join_alike(topology, layer->triangle_count, away, piece);
     for (uint32_t t = 0; t < layer->triangle_count; ++t) {
         bridge[pci_find_root(piece, t)] |= away[t] == PCI_BRIDGE;
     }
@@ -198,12 +184,11 @@ static void widen(const pc_mesh *layer, uint8_t *web, uint8_t *corners) {
 static bool leave_others(pci_scratch *scratch, const pc_mesh *layer, const pci_topology *topology,
                          patches *webs, bool *some) {
     uint8_t *border = PCI_SCRATCH(scratch, uint8_t, layer->vertex_count);
-    for (size_t e = 0; e < topology->edge_count && border != NULL; ++e) {
-        if (topology->edge_triangle_offsets[e + 1] - topology->edge_triangle_offsets[e] == 1) {
-            border[topology->edges[2 * e]] = border[topology->edges[2 * e + 1]] = 1;
-        }
+    if (border == NULL) {
+        return false;
     }
-    for (size_t i = 0; i < 3 * webs->mesh.triangle_count && border != NULL; ++i) {
+    pci_mark_border(topology, border);
+    for (size_t i = 0; i < 3 * webs->mesh.triangle_count; ++i) {
         patch *p = &webs->list[webs->component[i / 3]];
         p->taken = p->taken || border[webs->kept[webs->mesh.triangles[i]]];
     }
@@ -211,7 +196,7 @@ static bool leave_others(pci_scratch *scratch, const pc_mesh *layer, const pci_t
         webs->list[i].taken = webs->list[i].taken || !is_disc(&webs->list[i]);
         *some = *some || !webs->list[i].taken;
     }
-    return border != NULL;
+    return true;
 }
 
 // ---- walls --------------------------------------------------------------------------------------
@@ -307,16 +292,15 @@ static bool fill_walls(pci_scratch *scratch, const pc_mesh *mesh, const pci_topo
     if (scratch->failed) {
         return false;
     }
-    join_alike(topology, mesh->triangle_count, marked, piece);
+    pci_join_alike(topology, mesh->triangle_count, marked, piece);
     for (uint32_t t = 0; t < mesh->triangle_count; ++t) {
         around[t] = PC_INVALID_INDEX;
         ++size[pci_find_root(piece, t)];
     }
     for (size_t e = 0; e < topology->edge_count; ++e) {
-        const size_t first = topology->edge_triangle_offsets[e];
-        const uint32_t *sides = &topology->edge_triangles[first];
+        const uint32_t *sides = pci_sides(topology, e);
         const uint32_t a = pci_find_root(piece, sides[0]);
-        if (topology->edge_triangle_offsets[e + 1] - first != 2) {
+        if (pci_side_count(topology, e) != 2) {
             open[a] = 1;
             continue;
         }

@@ -563,8 +563,7 @@ static void mark_borders(const pci_topology *topology, size_t triangle_count, ui
     for (size_t t = 0; t < triangle_count; ++t) {
         for (size_t c = 0; c < 3; ++c) {
             const uint32_t e = topology->triangle_edges[3 * t + c];
-            if (e < topology->edge_count &&
-                topology->edge_triangle_offsets[e + 1] - topology->edge_triangle_offsets[e] == 1) {
+            if (e < topology->edge_count && pci_side_count(topology, e) == 1) {
                 open[t] |= (uint8_t)(1U << (c + 2) % 3); // the corner across
             }
         }

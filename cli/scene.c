@@ -202,98 +202,146 @@ static void part_name(const scene_part *part, char name[PC_NAME_SIZE]) {
     cli_clean_text(name, PC_NAME_SIZE, part->mesh[0] != '\0' ? part->mesh : part->node);
 }
 
+// The parts of a scene that were chosen, or the others, one after another.
+typedef struct gathered {
+    size_t vertices, triangles, parts;
+    char *names;                        // #parts by PC_NAME_SIZE
+    double *positions;                  // #V by 3
+    uint32_t *corners, *triangle_parts; // #F by 3, #F
+    uint32_t *joints;                   // #V by 4
+    float *weights;                     // #V by 4
+} gathered;
+
+static void release(gathered *g) {
+    free(g->names);
+    free(g->positions);
+    free(g->corners);
+    free(g->triangle_parts);
+    free(g->joints);
+    free(g->weights);
+}
+
+// False: out of memory. The caller releases the result in either case.
+static bool gather(const scene_data *scene, const uint8_t *chosen, bool wanted, gathered *g) {
+    const scene_header *h = &scene->header;
+    *g = (gathered){0};
+    for (size_t i = 0; i < h->part_count; ++i) {
+        if ((chosen[i] != 0) == wanted) {
+            g->vertices += scene->parts[i].vertex_count;
+            g->triangles += scene->parts[i].triangle_count;
+            ++g->parts;
+        }
+    }
+    g->names = calloc(g->parts + 1, PC_NAME_SIZE);
+    g->positions = calloc(g->vertices + 1, 3 * sizeof(double));
+    g->corners = calloc(g->triangles + 1, 3 * sizeof(uint32_t));
+    g->triangle_parts = calloc(g->triangles + 1, sizeof(uint32_t));
+    g->joints = calloc(g->vertices + 1, 4 * sizeof(uint32_t));
+    g->weights = calloc(g->vertices + 1, 4 * sizeof(float));
+    if (g->names == NULL || g->positions == NULL || g->corners == NULL ||
+        g->triangle_parts == NULL || g->joints == NULL || g->weights == NULL) {
+        return false;
+    }
+    size_t v = 0, t = 0, p = 0;
+    for (size_t i = 0; i < h->part_count; ++i) {
+        const scene_part *part = &scene->parts[i];
+        const size_t first = part->first_vertex, count = part->vertex_count;
+        if ((chosen[i] != 0) != wanted) {
+            continue;
+        }
+        part_name(part, &g->names[PC_NAME_SIZE * p]);
+        memcpy(&g->positions[3 * v], &scene->positions[3 * first], count * 3 * sizeof(double));
+        memcpy(&g->joints[4 * v], &scene->vertex_joints[4 * first], count * 4 * sizeof(uint32_t));
+        memcpy(&g->weights[4 * v], &scene->vertex_weights[4 * first], count * 4 * sizeof(float));
+        for (size_t k = 0; k < 3 * part->triangle_count; ++k) {
+            g->corners[3 * t + k] =
+                (uint32_t)(scene->triangles[3 * part->first_triangle + k] - first + v);
+            g->triangle_parts[t + k / 3] = (uint32_t)p;
+        }
+        v += count;
+        t += part->triangle_count;
+        ++p;
+    }
+    return true;
+}
+
+// Lists the materials of the chosen parts in their order, and numbers them. Returns how many.
+static size_t list_materials(const scene_data *scene, const uint8_t *chosen, pc_material *used,
+                             uint32_t *numbers) {
+    size_t count = 0;
+    for (size_t i = 0; i < scene->header.part_count; ++i) {
+        if (chosen[i]) {
+            numbers[scene->parts[i].material] = 1;
+        }
+    }
+    for (size_t m = 0; m < scene->header.material_count; ++m) {
+        if (numbers[m] != 0) {
+            used[count] = scene->materials[m];
+            numbers[m] = (uint32_t)count++;
+        }
+    }
+    return count;
+}
+
 pc_status scene_visual(const scene_data *scene, const uint8_t *chosen, pc_context *context,
                        pc_visual *visual, pc_visual_report *report) {
     const scene_header *h = &scene->header;
-    uint64_t vertices = 0, triangles = 0, materials = 0, parts = 0;
-    bool normals = false, texcoords = false, colors = false;
-    for (size_t i = 0; i < h->part_count; ++i) {
-        if (chosen[i]) {
-            vertices += scene->parts[i].vertex_count;
-            triangles += scene->parts[i].triangle_count;
-            ++parts;
-            normals = normals || scene->parts[i].has_normals != 0;
-            texcoords = texcoords || scene->parts[i].has_texcoords != 0;
-            colors = colors || scene->parts[i].has_colors != 0;
-        }
-    }
-    // Arrays of the chosen parts only; materials keep their order, unused ones are left out.
-    double *positions = calloc(vertices + 1, 3 * sizeof(double));
-    float *appearance = calloc(vertices + 1, 13 * sizeof(float));
-    uint32_t *indices = calloc(triangles + 1, 5 * sizeof(uint32_t));
-    uint32_t *joints = calloc(vertices + 1, 4 * sizeof(uint32_t));
-    char *names = calloc(parts + 1, PC_NAME_SIZE);
-    uint32_t *new_material = calloc(h->material_count + 1, sizeof(uint32_t));
+    bool has_normals = false, has_texcoords = false, has_colors = false;
+    gathered g;
+    const bool all = gather(scene, chosen, true, &g);
+    float *normals = calloc(g.vertices + 1, 3 * sizeof(float));
+    float *texcoords = calloc(g.vertices + 1, 2 * sizeof(float));
+    float *colors = calloc(g.vertices + 1, 4 * sizeof(float));
+    uint32_t *triangle_materials = calloc(g.triangles + 1, sizeof(uint32_t));
+    uint32_t *numbers = calloc(h->material_count + 1, sizeof(uint32_t));
     pc_material *used = calloc(h->material_count + 1, sizeof(pc_material));
     pc_status status = PC_ERROR_OUT_OF_MEMORY;
-    if (positions == NULL || appearance == NULL || indices == NULL || new_material == NULL ||
-        joints == NULL || names == NULL || used == NULL) {
+    if (!all || normals == NULL || texcoords == NULL || colors == NULL ||
+        triangle_materials == NULL || numbers == NULL || used == NULL) {
         goto cleanup;
     }
-    float *normal = appearance, *texcoord = normal + 3 * vertices, *color = texcoord + 2 * vertices;
-    float *weight = color + 4 * vertices;
-    uint32_t *triangle_materials = indices + 3 * triangles;
-    uint32_t *triangle_parts = triangle_materials + triangles;
-    for (size_t i = 0; i < h->part_count; ++i) {
-        if (chosen[i]) {
-            new_material[scene->parts[i].material] = 1;
-        }
-    }
-    for (size_t m = 0; m < h->material_count; ++m) {
-        if (new_material[m] != 0) {
-            used[materials] = scene->materials[m];
-            new_material[m] = (uint32_t)materials++;
-        }
-    }
-    uint64_t v = 0, t = 0, p = 0;
+    const size_t materials = list_materials(scene, chosen, used, numbers);
+    size_t v = 0, t = 0;
     for (size_t i = 0; i < h->part_count; ++i) {
         const scene_part *part = &scene->parts[i];
+        const size_t first = part->first_vertex, count = part->vertex_count;
         if (!chosen[i]) {
             continue;
         }
-        part_name(part, &names[PC_NAME_SIZE * p]);
-        const size_t first = part->first_vertex, count = part->vertex_count;
-        memcpy(&positions[3 * v], &scene->positions[3 * first], count * 3 * sizeof(double));
-        memcpy(&normal[3 * v], &scene->normals[3 * first], count * 3 * sizeof(float));
-        memcpy(&texcoord[2 * v], &scene->texcoords[2 * first], count * 2 * sizeof(float));
-        memcpy(&color[4 * v], &scene->colors[4 * first], count * 4 * sizeof(float));
-        for (uint64_t k = 0; k < 3 * part->triangle_count; ++k) {
-            indices[3 * t + k] =
-                (uint32_t)(scene->triangles[3 * part->first_triangle + k] - first + v);
+        has_normals = has_normals || part->has_normals != 0;
+        has_texcoords = has_texcoords || part->has_texcoords != 0;
+        has_colors = has_colors || part->has_colors != 0;
+        memcpy(&normals[3 * v], &scene->normals[3 * first], count * 3 * sizeof(float));
+        memcpy(&texcoords[2 * v], &scene->texcoords[2 * first], count * 2 * sizeof(float));
+        memcpy(&colors[4 * v], &scene->colors[4 * first], count * 4 * sizeof(float));
+        for (size_t k = 0; k < part->triangle_count; ++k) {
+            triangle_materials[t++] = numbers[part->material];
         }
-        for (uint64_t k = 0; k < part->triangle_count; ++k) {
-            triangle_materials[t + k] = new_material[part->material];
-            triangle_parts[t + k] = (uint32_t)p;
-        }
-        memcpy(&joints[4 * v], &scene->vertex_joints[4 * first], count * 4 * sizeof(uint32_t));
-        memcpy(&weight[4 * v], &scene->vertex_weights[4 * first], count * 4 * sizeof(float));
-        ++p;
         v += count;
-        t += part->triangle_count;
     }
-    const pc_visual_arrays arrays = {.vertex_count = vertices,
-                                     .positions = positions,
-                                     .triangle_count = triangles,
-                                     .triangles = indices,
-                                     .normals = normals ? normal : NULL,
-                                     .texcoords = texcoords ? texcoord : NULL,
-                                     .colors = colors ? color : NULL,
+    const pc_visual_arrays arrays = {.vertex_count = g.vertices,
+                                     .positions = g.positions,
+                                     .triangle_count = g.triangles,
+                                     .triangles = g.corners,
+                                     .normals = has_normals ? normals : NULL,
+                                     .texcoords = has_texcoords ? texcoords : NULL,
+                                     .colors = has_colors ? colors : NULL,
                                      .triangle_materials = triangle_materials,
                                      .material_count = materials,
                                      .materials = used,
-                                     .triangle_parts = triangle_parts,
-                                     .part_count = parts,
-                                     .part_names = names,
-                                     .joints = h->joint_count != 0 ? joints : NULL,
-                                     .joint_weights = h->joint_count != 0 ? weight : NULL};
+                                     .triangle_parts = g.triangle_parts,
+                                     .part_count = g.parts,
+                                     .part_names = g.names,
+                                     .joints = h->joint_count != 0 ? g.joints : NULL,
+                                     .joint_weights = h->joint_count != 0 ? g.weights : NULL};
     status = pc_visual_create(context, &arrays, visual, report);
 cleanup:
-    free(positions);
-    free(appearance);
-    free(indices);
-    free(joints);
-    free(names);
-    free(new_material);
+    release(&g);
+    free(normals);
+    free(texcoords);
+    free(colors);
+    free(triangle_materials);
+    free(numbers);
     free(used);
     return status;
 }
@@ -301,33 +349,21 @@ cleanup:
 pc_status scene_character(const scene_data *scene, const uint8_t *chosen, pc_context *context,
                           pc_character *character) {
     const scene_header *h = &scene->header;
-    size_t vertices = 0, triangles = 0, parts = 0;
-    for (size_t i = 0; i < h->part_count; ++i) {
-        if (!chosen[i]) {
-            vertices += scene->parts[i].vertex_count;
-            triangles += scene->parts[i].triangle_count;
-            ++parts;
-        }
-    }
+    gathered g;
+    const bool all = gather(scene, chosen, false, &g);
     double *centers = calloc(h->joint_count + 1, 3 * sizeof(double));
     uint32_t *parents = calloc(h->joint_count + 1, sizeof(uint32_t));
+    char *joint_names = calloc(h->joint_count + 1, PC_NAME_SIZE);
+    char *clip_names = calloc(h->animation_count + 1, PC_NAME_SIZE);
+    uint32_t *ranges = calloc(h->animation_count + 1, 2 * sizeof(uint32_t));
     double *rates = calloc(h->animation_count + 1, sizeof(double));
-    char *names = calloc(h->joint_count + h->animation_count + parts + 1, PC_NAME_SIZE);
-    double *positions = calloc(vertices + 1, 3 * sizeof(double));
-    uint32_t *indices =
-        calloc(2 * h->animation_count + 4 * triangles + 4 * vertices + 1, sizeof(uint32_t));
-    float *weights = calloc(vertices + 1, 4 * sizeof(float));
     pc_status status = PC_ERROR_OUT_OF_MEMORY;
-    if (centers == NULL || parents == NULL || rates == NULL || names == NULL || positions == NULL ||
-        indices == NULL || weights == NULL) {
+    if (!all || centers == NULL || parents == NULL || joint_names == NULL || clip_names == NULL ||
+        ranges == NULL || rates == NULL) {
         goto cleanup;
     }
-    char *clip_names = names + PC_NAME_SIZE * h->joint_count;
-    char *part_names = clip_names + PC_NAME_SIZE * h->animation_count;
-    uint32_t *ranges = indices, *corners = ranges + 2 * h->animation_count;
-    uint32_t *triangle_parts = corners + 3 * triangles, *joints = triangle_parts + triangles;
     for (size_t j = 0; j < h->joint_count; ++j) {
-        memcpy(&names[PC_NAME_SIZE * j], scene->joints[j].name, PC_NAME_SIZE);
+        memcpy(&joint_names[PC_NAME_SIZE * j], scene->joints[j].name, PC_NAME_SIZE);
         memcpy(&centers[3 * j], scene->joints[j].center, sizeof(scene->joints[j].center));
         parents[j] = scene->joints[j].parent;
     }
@@ -341,29 +377,9 @@ pc_status scene_character(const scene_data *scene, const uint8_t *chosen, pc_con
             rates[clips++] = a->rate;
         }
     }
-    size_t v = 0, t = 0, p = 0;
-    for (size_t i = 0; i < h->part_count; ++i) {
-        const scene_part *part = &scene->parts[i];
-        const size_t first = part->first_vertex, count = part->vertex_count;
-        if (chosen[i]) {
-            continue;
-        }
-        part_name(part, &part_names[PC_NAME_SIZE * p]);
-        memcpy(&positions[3 * v], &scene->positions[3 * first], count * 3 * sizeof(double));
-        memcpy(&joints[4 * v], &scene->vertex_joints[4 * first], count * 4 * sizeof(uint32_t));
-        memcpy(&weights[4 * v], &scene->vertex_weights[4 * first], count * 4 * sizeof(float));
-        for (size_t k = 0; k < 3 * part->triangle_count; ++k) {
-            corners[3 * t + k] =
-                (uint32_t)(scene->triangles[3 * part->first_triangle + k] - first + v);
-            triangle_parts[t + k / 3] = (uint32_t)p;
-        }
-        v += count;
-        t += part->triangle_count;
-        ++p;
-    }
     const bool skinned = h->joint_count != 0;
     const pc_character arrays = {.joint_count = h->joint_count,
-                                 .joint_names = names,
+                                 .joint_names = joint_names,
                                  .joint_centers = centers,
                                  .joint_parents = parents,
                                  .clip_count = clips,
@@ -372,20 +388,20 @@ pc_status scene_character(const scene_data *scene, const uint8_t *chosen, pc_con
                                  .clip_rates = rates,
                                  .pose_count = h->pose_count,
                                  .poses = scene->poses,
-                                 .body = {vertices, positions, triangles, corners},
-                                 .body_part_count = parts,
-                                 .body_part_names = part_names,
-                                 .body_triangle_parts = triangle_parts,
-                                 .body_joints = skinned ? joints : NULL,
-                                 .body_weights = skinned ? weights : NULL};
+                                 .body = {g.vertices, g.positions, g.triangles, g.corners},
+                                 .body_part_count = g.parts,
+                                 .body_part_names = g.names,
+                                 .body_triangle_parts = g.triangle_parts,
+                                 .body_joints = skinned ? g.joints : NULL,
+                                 .body_weights = skinned ? g.weights : NULL};
     status = pc_character_create(context, &arrays, character);
 cleanup:
+    release(&g);
     free(centers);
     free(parents);
+    free(joint_names);
+    free(clip_names);
+    free(ranges);
     free(rates);
-    free(names);
-    free(positions);
-    free(indices);
-    free(weights);
     return status;
 }

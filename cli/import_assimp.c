@@ -12,7 +12,6 @@
 #include <assimp/config.h>
 #include <assimp/material.h>
 #include <assimp/postprocess.h>
-#include <cjson/cJSON.h>
 
 // All corner attributes, compared as bytes; no padding.
 typedef struct corner_data {
@@ -145,10 +144,42 @@ static size_t join_corners(scene_reader *reader, const corner_data *corners, siz
     return distinct;
 }
 
-static void read_corner(const struct aiMesh *mesh, size_t v, const affine *map, corner_data *out) {
-    transform_point(map, &mesh->mVertices[v], out->position);
+// Adds what the morph targets of a glTF file change; its weights are those at rest.
+static void morph(struct aiVector3D *vector, const struct aiVector3D *target, float weight,
+                  const struct aiVector3D *base) {
+    if (target != NULL && weight != 0.0F) {
+        vector->x += weight * (target->x - base->x);
+        vector->y += weight * (target->y - base->y);
+        vector->z += weight * (target->z - base->z);
+    }
+}
+
+// glTF colors without alpha come with alpha 0.
+static bool lacks_alpha(const struct aiMesh *mesh) {
+    bool lacks = mesh->mColors[0] != NULL;
+    for (unsigned v = 0; v < mesh->mNumVertices && lacks; ++v) {
+        lacks = mesh->mColors[0][v].a == 0.0F;
+    }
+    return lacks;
+}
+
+static void read_corner(const struct aiMesh *mesh, size_t v, const affine *map, bool morphed,
+                        bool opaque, corner_data *out) {
+    const struct aiVector3D zero = {0}, *base = &mesh->mVertices[v];
+    const struct aiVector3D *base_normal = mesh->mNormals != NULL ? &mesh->mNormals[v] : &zero;
+    struct aiVector3D position = *base, normal = *base_normal;
+    for (unsigned i = 0; i < mesh->mNumAnimMeshes && morphed; ++i) {
+        const struct aiAnimMesh *target = mesh->mAnimMeshes[i];
+        if (v < target->mNumVertices) {
+            morph(&position, target->mVertices != NULL ? &target->mVertices[v] : NULL,
+                  target->mWeight, base);
+            morph(&normal, target->mNormals != NULL ? &target->mNormals[v] : NULL, target->mWeight,
+                  base_normal);
+        }
+    }
+    transform_point(map, &position, out->position);
     if (mesh->mNormals != NULL) {
-        transform_normal(map, &mesh->mNormals[v], out->normal);
+        transform_normal(map, &normal, out->normal);
     }
     if (mesh->mTextureCoords[0] != NULL) {
         // assimp's origin is bottom left, ours top left.
@@ -157,7 +188,8 @@ static void read_corner(const struct aiMesh *mesh, size_t v, const affine *map, 
     }
     const struct aiColor4D *color = mesh->mColors[0] != NULL ? &mesh->mColors[0][v] : NULL;
     const float rgba[4] = {color != NULL ? color->r : 1.0F, color != NULL ? color->g : 1.0F,
-                           color != NULL ? color->b : 1.0F, color != NULL ? color->a : 1.0F};
+                           color != NULL ? color->b : 1.0F,
+                           color != NULL && !opaque ? color->a : 1.0F};
     memcpy(out->color, rgba, sizeof(rgba));
 }
 
@@ -230,8 +262,10 @@ static void add_part(scene_reader *reader, const node_entry *entry, const struct
     affine *maps =
         mesh->mNumBones != 0 ? import_skin_maps(reader, mesh, &entry->world, by_name) : NULL;
     import_weights(reader, mesh, entry, by_name, joints, weights);
+    const bool opaque = lacks_alpha(mesh);
     for (size_t v = 0; v < count; ++v) {
-        read_corner(mesh, v, maps != NULL ? &maps[v] : &entry->world, &corners[v]);
+        read_corner(mesh, v, maps != NULL ? &maps[v] : &entry->world, reader->morphed, opaque,
+                    &corners[v]);
     }
     const size_t distinct = join_corners(reader, corners, count, numbers, firsts);
     reserve(reader, s->header.vertex_count + distinct, s->header.triangle_count + mesh->mNumFaces);
@@ -342,76 +376,14 @@ static char *read_file(scene_reader *reader, const char *path, size_t *size) {
     return bytes;
 }
 
-// Extensions that a file may require although assimp ignores them: they change the look only, or
-// assimp does know them.
-static bool harmless_extension(const char *name) {
-    static const char *const known[] = {"KHR_draco_mesh_compression", "KHR_lights_punctual",
-                                        "KHR_texture_transform", "KHR_texture_basisu",
-                                        "EXT_texture_webp"};
-    for (size_t i = 0; i < sizeof(known) / sizeof(known[0]); ++i) {
-        if (strcmp(name, known[i]) == 0) {
-            return true;
-        }
-    }
-    return strncmp(name, "KHR_materials_", 14) == 0;
-}
-
-// assimp 5.2 takes the integers of texture coordinates and weights for floats.
-static void check_attributes(scene_reader *reader, const cJSON *root) {
-    static const char *const names[] = {"POSITION", "NORMAL", "TEXCOORD_0", "WEIGHTS_0",
-                                        "WEIGHTS_1"};
-    const cJSON *accessors = cJSON_GetObjectItemCaseSensitive(root, "accessors");
-    const cJSON *mesh = NULL, *primitive = NULL;
-    cJSON_ArrayForEach(mesh, cJSON_GetObjectItemCaseSensitive(root, "meshes")) {
-        cJSON_ArrayForEach(primitive, cJSON_GetObjectItemCaseSensitive(mesh, "primitives")) {
-            const cJSON *attributes = cJSON_GetObjectItemCaseSensitive(primitive, "attributes");
-            for (size_t i = 0; i < sizeof(names) / sizeof(names[0]); ++i) {
-                const cJSON *index = cJSON_GetObjectItemCaseSensitive(attributes, names[i]);
-                const cJSON *type = cJSON_GetObjectItemCaseSensitive(
-                    cJSON_IsNumber(index) ? cJSON_GetArrayItem(accessors, index->valueint) : NULL,
-                    "componentType");
-                if (cJSON_IsNumber(type) && type->valueint != 5126) {
-                    import_fail(reader,
-                                "%s is stored as integers, which is not supported; export it with "
-                                "32-bit floats",
-                                names[i]);
-                }
-            }
-        }
-    }
-}
-
-// assimp reads garbage where a glTF file needs an extension it does not know.
-static void check_json(scene_reader *reader, const char *bytes, size_t size, scene_format format) {
-    if (format == SCENE_GLB) {
-        uint32_t length = 0;
-        if (size < 20) {
-            import_fail(reader, "the file is truncated; export it again");
-        }
-        memcpy(&length, bytes + 12, sizeof(length));
-        if (length > size - 20) {
-            import_fail(reader, "the file is truncated; export it again");
-        }
-        bytes += 20;
-        size = length;
-    }
-    cJSON *root = cJSON_ParseWithLength(bytes, size);
-    if (root == NULL) {
-        import_fail(reader, "its JSON part is damaged; export it again");
-    }
-    const cJSON *required = cJSON_GetObjectItemCaseSensitive(root, "extensionsRequired");
-    for (int i = 0; i < cJSON_GetArraySize(required); ++i) {
-        const char *name = cJSON_GetStringValue(cJSON_GetArrayItem(required, i));
-        if (name != NULL && !harmless_extension(name)) {
-            import_fail(reader, "the glTF extension %.64s is not supported; export without it",
-                        name);
-        }
-    }
-    check_attributes(reader, root);
-    cJSON_Delete(root);
+// Faces of glTF files whose indices are out of range are left out with no more than a warning.
+static void hear_warning(const char *message, char *faces_dropped) {
+    *faces_dropped |= strstr(message, "Those faces were dropped") != NULL;
 }
 
 static const struct aiScene *import(scene_reader *reader, const char *path, scene_format format) {
+    char faces_dropped = 0;
+    const struct aiLogStream warnings = {.callback = hear_warning, .user = &faces_dropped};
     const unsigned flags = aiProcess_Triangulate;
     struct aiPropertyStore *store = aiCreatePropertyStore();
     aiSetImportPropertyInteger(store, AI_CONFIG_IMPORT_NO_SKELETON_MESHES, 1);
@@ -420,10 +392,8 @@ static const struct aiScene *import(scene_reader *reader, const char *path, scen
     size_t size = 0;
     char *bytes = read_file(reader, path, &size);
     if (format == SCENE_GLB || format == SCENE_GLTF) {
-        check_json(reader, bytes, size, format);
-    }
-    if (format == SCENE_GLB) {
-        bytes = scene_unpack_glb(bytes, &size);
+        bytes = import_plain_gltf(reader, path, bytes, &size, format);
+        aiAttachLogStream(&warnings);
     }
     if (format == SCENE_OBJ) {
         char message[200];
@@ -437,18 +407,18 @@ static const struct aiScene *import(scene_reader *reader, const char *path, scen
     if (size > UINT32_MAX) {
         import_fail(reader, "the file is larger than 4 GiB");
     }
-    // glTF files, which refer to others, are read through their path; the others from memory, where
-    // the hint decides about the importer.
-    const struct aiScene *source =
-        format == SCENE_GLTF
-            ? aiImportFileExWithProperties(path, flags, NULL, store)
-            : aiImportFileFromMemoryWithProperties(bytes, (unsigned)size, flags,
-                                                   scene_format_extension(format), store);
+    // From memory, where the hint decides about the importer.
+    const struct aiScene *source = aiImportFileFromMemoryWithProperties(
+        bytes, (unsigned)size, flags, scene_format_extension(format), store);
     free(bytes);
+    (void)aiDetachLogStream(&warnings);
     if (source == NULL || source->mRootNode == NULL) {
         const char *reason = aiGetErrorString();
         import_fail(reader, "%s",
                     reason != NULL && reason[0] != '\0' ? reason : "the file is damaged");
+    }
+    if (faces_dropped) {
+        import_fail(reader, "a face refers to a vertex that does not exist; export it again");
     }
     return source;
 }
@@ -486,7 +456,8 @@ static void send(scene_reader *reader) {
 }
 
 int scene_read(const char *path, scene_format format, int descriptor) {
-    scene_reader reader = {.descriptor = descriptor};
+    scene_reader reader = {.descriptor = descriptor,
+                           .morphed = format == SCENE_GLTF || format == SCENE_GLB};
     reader.source = import(&reader, path, format);
     scene_data *s = &reader.scene;
     strncpy(s->header.format, scene_format_name(format), sizeof(s->header.format) - 1);

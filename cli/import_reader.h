@@ -27,6 +27,7 @@ typedef struct scene_reader {
     node_entry *nodes; // in the order of the tree, then sorted by name
     size_t node_capacity;
     affine map;          // of the file's axes and unit
+    bool morphed;        // by the targets of its meshes
     uint32_t *joint_of;  // per node in the order of the tree, UINT32_MAX: no joint
     size_t *joint_nodes; // node of each joint
     scene_data scene;    // arrays that grow
@@ -82,6 +83,13 @@ static const affine affine_identity = {{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
 static inline bool affine_is_identity(const affine *a) {
     return memcmp(a, &affine_identity, sizeof(*a)) == 0;
 }
+
+// ---- import_gltf.c ------------------------------------------------------------------------------
+
+// Refuses what assimp would misread in a glTF or GLB file, and returns the file as it reads it: the
+// same bytes, or others.
+char *import_plain_gltf(scene_reader *reader, const char *path, char *bytes, size_t *size,
+                        scene_format format);
 
 // ---- import_skeleton.c --------------------------------------------------------------------------
 

@@ -1,5 +1,5 @@
-// assimp 5.2 takes the integers of animation keys for floats. This rewrites a GLB file in memory so
-// that they are floats.
+// assimp 5.2 takes the integers of animation keys, texture coordinates and weights for floats. This
+// rewrites a GLB file in memory so that they are floats.
 #include "scene.h"
 
 #include <math.h>
@@ -117,6 +117,29 @@ static bool unpack_animations(cJSON *root, glb_file *file) {
     return changed;
 }
 
+static bool unpack_attributes(cJSON *root, glb_file *file) {
+    cJSON *accessors = cJSON_GetObjectItemCaseSensitive(root, "accessors");
+    const cJSON *mesh = NULL, *primitive = NULL, *attribute = NULL;
+    bool changed = false;
+    cJSON_ArrayForEach(mesh, cJSON_GetObjectItemCaseSensitive(root, "meshes")) {
+        cJSON_ArrayForEach(primitive, cJSON_GetObjectItemCaseSensitive(mesh, "primitives")) {
+            cJSON_ArrayForEach(attribute,
+                               cJSON_GetObjectItemCaseSensitive(primitive, "attributes")) {
+                const char *name = attribute->string;
+                cJSON *accessor = cJSON_IsNumber(attribute)
+                                      ? cJSON_GetArrayItem(accessors, attribute->valueint)
+                                      : NULL;
+                changed |=
+                    name != NULL && accessor != NULL &&
+                    (strncmp(name, "TEXCOORD_", 9) == 0 || strncmp(name, "WEIGHTS_", 8) == 0) &&
+                    cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(accessor, "normalized")) &&
+                    unpack_accessor(root, accessor, file);
+            }
+        }
+    }
+    return changed;
+}
+
 static unsigned char *put_chunk(unsigned char *at, const char *type, const void *bytes, size_t size,
                                 size_t padded, char padding) {
     const uint32_t length = (uint32_t)padded;
@@ -170,7 +193,8 @@ char *scene_unpack_glb(char *bytes, size_t *size) {
     cJSON *root = cJSON_ParseWithLength(bytes + 20, json_size);
     cJSON *buffer = cJSON_GetArrayItem(cJSON_GetObjectItemCaseSensitive(root, "buffers"), 0);
     cJSON *length = cJSON_GetObjectItemCaseSensitive(buffer, "byteLength");
-    if (length != NULL && unpack_animations(root, &file)) {
+    const bool keys = length != NULL && unpack_animations(root, &file);
+    if (length != NULL && (unpack_attributes(root, &file) || keys)) {
         cJSON_SetNumberValue(
             length, (double)((file.binary_size + 3) / 4 * 4 + file.added_count * sizeof(float)));
         char *text = cJSON_PrintUnformatted(root);

@@ -137,7 +137,8 @@ bool scene_isolate(int descriptor);
 char *scene_plain_obj(const char *path, const char *bytes, size_t *size, char *message,
                       size_t message_size);
 
-// Animation keys of a GLB file as floats: the same bytes where they are, else new ones.
+// Animation keys, texture coordinates and weights of a GLB file as floats: the same bytes where
+// they are, else new ones.
 char *scene_unpack_glb(char *bytes, size_t *size);
 
 // Reads a file through assimp and writes the buffer (or a failure) to `descriptor`. Runs in the

@@ -129,6 +129,11 @@ expect 3 "missing.h5: No such file" info missing.h5
 expect 3 "missing.obj: No such file" evaluate cloth.obj missing.obj
 expect 3 "rename them" build "$fixtures/duplicate.gltf" -o out
 expect 3 "KHR_mesh_quantization is not supported" build "$fixtures/extension.gltf" -o out
+expect 3 "skin without inverse bind matrices" build "$fixtures/no_bind_matrices.gltf" -o out
+expect 3 "refers to a vertex that does not exist" build "$fixtures/face_out_of_range.gltf" -o out
+expect 3 "WEIGHTS_0 is stored as integers" build "$fixtures/integer_weights.gltf" -o out
+printf '{"asset": {"version": "1.0"}}' >old.gltf
+expect 3 "only version 2 of glTF" build old.gltf -o out
 
 # Meshes that make no sense.
 printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\n' >points.obj

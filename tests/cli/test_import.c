@@ -100,6 +100,38 @@ static void skins_take_the_rest_pose(void **state) {
     scene_free(&scene);
 }
 
+// A quarter of the first target, none of the second; colors without alpha are opaque.
+static void morph_targets_shape_the_rest_pose(void **state) {
+    (void)state;
+    scene_data scene = fixture("morphed.gltf");
+    assert_point(corner(&scene, 0, 0), 0, 0, 0);
+    assert_point(corner(&scene, 0, 1), 1, 0, 1);
+    assert_point(corner(&scene, 1, 1), 1, 1, 1);
+    for (size_t v = 0; v < 4; ++v) {
+        assert_close((double)scene.normals[3 * v], -sqrt(0.5), 1e-6);
+        assert_close((double)scene.normals[3 * v + 2], sqrt(0.5), 1e-6);
+        assert_true(scene.colors[4 * v + 2] == 0.5F && scene.colors[4 * v + 3] == 1.0F);
+    }
+    scene_free(&scene);
+}
+
+static void normalized_integers_are_numbers(void **state) {
+    (void)state;
+    scene_data scene = fixture("integers.glb");
+    assert_int_equal(scene.header.vertex_count, 4);
+    for (size_t v = 0; v < 4; ++v) {
+        const double *at = &scene.positions[3 * v];
+        assert_close((double)scene.texcoords[2 * v], at[0], 1e-5);
+        assert_close((double)scene.texcoords[2 * v + 1], 0.2 * at[1], 1e-5);
+        double upper = 0.0;
+        for (size_t k = 4 * v; k < 4 * v + 4; ++k) {
+            upper += scene.vertex_joints[k] == 1 ? (double)scene.vertex_weights[k] : 0.0;
+        }
+        assert_close(upper, at[1] < 0.5 ? 0.0 : at[0] < 0.5 ? 0.8 : 1.0, 1e-5);
+    }
+    scene_free(&scene);
+}
+
 static void units_and_axes_become_metres_and_y_up(void **state) {
     (void)state;
     // (1, 0, 0), (0, 2, 0), (0, 0, 3) moved by (10, 0, 0), with z up: (x, y, z) -> (x, z, -y).
@@ -304,17 +336,26 @@ static void a_metre_is_a_metre_in_binary_formats(void **state) {
     }
     assert_metre_cube("binary STL", import_bytes("stl", stl, sizeof(stl), &scene), &scene);
 
-    // A glTF file finds its buffer beside it, also from inside the isolated child.
+    // A glTF file finds its buffer beside it, also from inside the isolated child, and under a name
+    // whose characters are escaped.
     char path[256], uri[300];
-    snprintf(path, sizeof(path), "/tmp/proxycloth-test-%ld.bin", (long)getpid());
-    snprintf(uri, sizeof(uri), "\"uri\":\"%s\",", strrchr(path, '/') + 1);
     cube_buffer(buffer);
-    write_bytes(path, buffer, sizeof(buffer));
     cube_text t = {.size = 0};
-    put_gltf(&t, uri);
-    const int code = import_text("gltf", t.bytes, &scene);
-    remove(path);
-    assert_metre_cube("glTF", code, &scene);
+    for (size_t i = 0; i < 2; ++i) {
+        snprintf(path, sizeof(path),
+                 i == 0 ? "/tmp/proxycloth-test-%ld.bin" : "/tmp/proxycloth test %ld%%.bin",
+                 (long)getpid());
+        snprintf(uri, sizeof(uri),
+                 i == 0 ? "\"uri\":\"proxycloth-test-%ld.bin\","
+                        : "\"uri\":\"proxycloth%%20test%%20%ld%%25.bin\",",
+                 (long)getpid());
+        write_bytes(path, buffer, sizeof(buffer));
+        t.size = 0;
+        put_gltf(&t, uri);
+        const int code = import_text("gltf", t.bytes, &scene);
+        remove(path);
+        assert_metre_cube("glTF", code, &scene);
+    }
 
     t.size = 0;
     put_gltf(&t, "");
@@ -622,6 +663,8 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(instances_follow_their_nodes),
         cmocka_unit_test(skins_take_the_rest_pose),
+        cmocka_unit_test(morph_targets_shape_the_rest_pose),
+        cmocka_unit_test(normalized_integers_are_numbers),
         cmocka_unit_test(units_and_axes_become_metres_and_y_up),
         cmocka_unit_test(a_metre_is_a_metre_in_text_formats),
         cmocka_unit_test(a_metre_is_a_metre_in_binary_formats),

@@ -187,11 +187,14 @@ static cJSON *json_element(cJSON *array) {
     return object;
 }
 
-static cJSON *scene_json(const scene_data *scene, const uint8_t *chosen) {
+static cJSON *scene_json(const scene_data *scene, const uint8_t *chosen, const char *problem) {
     const scene_header *h = &scene->header;
     cJSON *root = cJSON_CreateObject();
     json_text(root, "kind", "scene");
     json_text(root, "format", h->format);
+    if (problem != NULL) {
+        json_text(root, "problem", problem);
+    }
     json_number(root, "nodes", (double)h->node_count);
     double vertices = 0.0, triangles = 0.0; // of the chosen parts, as in the text
     for (size_t i = 0; i < h->part_count; ++i) {
@@ -246,6 +249,39 @@ static cJSON *scene_json(const scene_data *scene, const uint8_t *chosen) {
         json_number(object, "channels", (double)scene->animations[i].channels);
     }
     return root;
+}
+
+// What stops the chosen parts from becoming a garment is part of the answer.
+static int info_scene(const cli_command *command, const cli_arguments *arguments) {
+    const char *path = arguments->inputs[0];
+    scene_data scene = {0};
+    uint8_t *chosen = NULL;
+    pc_context *context = NULL;
+    pc_visual visual = {0};
+    int code = scene_import_selected(command, arguments, path, &scene, &chosen);
+    if (code == CLI_OK) {
+        code = cli_context(command, arguments, &context);
+    }
+    if (code == CLI_OK) {
+        const pc_status status = scene_visual(&scene, chosen, context, &visual, NULL);
+        const char *problem =
+            status == PC_ERROR_INVALID_MESH ? pc_context_error(context)->message : NULL;
+        if (status != PC_OK && problem == NULL) {
+            code = cli_fail_status(command->name, context, status, path, false);
+        } else if (arguments->settings.json) {
+            code = json_print(command->name, scene_json(&scene, chosen, problem));
+        } else {
+            print_scene(&scene, chosen);
+        }
+        if (problem != NULL) {
+            cli_warn(command->name, "%s: %s", path, problem);
+        }
+    }
+    free(chosen);
+    scene_free(&scene);
+    pc_visual_free(context, &visual);
+    pc_context_destroy(context);
+    return code;
 }
 
 // ---- assets -------------------------------------------------------------------------------------
@@ -352,18 +388,5 @@ int cli_run_info(const cli_command *command, cli_arguments *arguments) {
     if (code != CLI_OK) {
         return code;
     }
-    if (kind == CLI_KIND_ASSET) {
-        return info_asset(command, arguments);
-    }
-    scene_data scene = {0};
-    uint8_t *chosen = NULL;
-    code = scene_import_selected(command, arguments, arguments->inputs[0], &scene, &chosen);
-    if (code == CLI_OK && arguments->settings.json) {
-        code = json_print(command->name, scene_json(&scene, chosen));
-    } else if (code == CLI_OK) {
-        print_scene(&scene, chosen);
-    }
-    free(chosen);
-    scene_free(&scene);
-    return code;
+    return kind == CLI_KIND_ASSET ? info_asset(command, arguments) : info_scene(command, arguments);
 }

@@ -155,6 +155,19 @@ expect 3 "flat.obj: .*no triangle has an area" build flat.obj -o out
 expect 3 "nan.obj: .*vertex [0-9] has z = -?nan" voxelize nan.obj -o out.h5
 expect 3 "nan.obj" evaluate cloth.obj nan.obj
 
+# What stops a mesh from becoming a garment is told, too, where it is only looked at.
+looks_bad() { # looks_bad PATTERN FILE
+    "$program" info "$2" >stdout 2>stderr || fail "exit code: info $2"
+    grep -Eq "^proxycloth info: warning: $2: .*$1" stderr || fail "no \"$1\" about $2"
+    grep -q "^vertices" stdout || fail "no counts of $2"
+    "$program" info --json "$2" >stdout 2>stderr || fail "exit code: info --json $2"
+    grep -Eq "\"problem\":.*$1" stdout || fail "no \"$1\" about $2 in JSON"
+}
+looks_bad "vertex [0-9] has z = -?nan" nan.obj
+looks_bad "vertex [0-9] has y = inf" inf.obj
+looks_bad "no triangle has an area" flat.obj
+looks_bad "no triangle" lines.obj
+
 # What is wrong in an OBJ file, with its line; a line that ends in a backslash goes on.
 wrong_line() { # wrong_line PATTERN TEXT: the text appended to a square
     printf "v 0 0 0\nv 1 0 0 \\\\\n\nv 1 1 0\n$2" >wrong.obj

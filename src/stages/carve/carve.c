@@ -443,6 +443,27 @@ static bool shall_be_tailored(const carve_job *job, double share, size_t compone
     return parts <= most_parts && (share > most_bridges || components > parts);
 }
 
+// Where the labels tear or close what the cloth, without what is put onto it, is not torn or closed
+// at, that cloth is taken.
+static pc_status try_bare(const carve_job *job, const pci_shape *shape, pc_mesh *layer,
+                          pc_carve_report *report) {
+    pc_mesh bare = {0};
+    pci_shape other = {0};
+    uint64_t filled = 0;
+    pc_status status = pci_bare_layer(job->scratch, stage, job->surface, job->cloth, job->thickness,
+                                      job->cell_size, &bare, &filled);
+    if (status == PC_OK && bare.triangle_count > 0) {
+        status = find_shape(job->scratch, &bare, &other);
+    }
+    if (status == PC_OK && bare.triangle_count > 0 &&
+        (other.components < shape->components || (other.components == shape->components &&
+                                                  other.boundary_loops != shape->boundary_loops))) {
+        status = take_visual(job, filled, &bare, layer, report);
+    }
+    pc_mesh_free(job->scratch->context, &bare);
+    return status;
+}
+
 // What stands in for the labelled layer where it bridges gaps: the cloth made one sheet, or itself
 // with the gaps' walls. @param shape  of the layer
 static pc_status bridge_gaps(const carve_job *job, const pci_bvh *visual, pci_shape *shape,
@@ -463,7 +484,12 @@ static pc_status bridge_gaps(const carve_job *job, const pci_bvh *visual, pci_sh
     if (share > 0.0) {
         status = mend_bridges(job, visual, away, shape, layer);
     }
-    return status == PC_OK ? measure(job, layer, shape, report) : status;
+    if (status == PC_OK) {
+        status = measure(job, layer, shape, report);
+    }
+    return status == PC_OK && job->options->layer_source == PC_LAYER_AUTO
+               ? try_bare(job, shape, layer, report)
+               : status;
 }
 
 // The labelled layer, unless another one is better. Shapes are compared before anything is done

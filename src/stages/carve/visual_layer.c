@@ -37,6 +37,8 @@ enum { facing_first = 64, facing_stride = 8 };
 static const double smallest_opening = 3.0;
 // Vertices so near to the edge of another triangle lie on it, in voxels.
 static const double stitch_voxels = 0.005;
+// What is put onto a garment stands out so many voxels at most.
+static const double attached_voxels = 3.0;
 // Fronts whose sides are so near to each other are closed, in voxels.
 static const double front_voxels = 1.0;
 // Thicker shells are solids, in voxels.
@@ -332,6 +334,36 @@ pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mes
         pci_scratch_rewind(scratch, mark);
     }
     if (status != PC_OK || (*layering == PCI_LAYERED && !always)) {
+        pc_mesh_free(scratch->context, layer);
+    }
+    return status;
+}
+
+pc_status pci_bare_layer(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
+                         const pc_mesh *cloth, double thickness, double cell_size, pc_mesh *layer,
+                         uint64_t *filled_loops) {
+    const struct pci_scratch_block *mark = scratch->blocks;
+    const double reach = attached_voxels * cell_size;
+    pci_layering layering = PCI_LAYERED;
+    pci_topology edges;
+    pc_mesh bare = {0};
+    double doubled = 0.0;
+    uint32_t *seen = NULL;
+    pc_status status = pci_mesh_compact(scratch, cloth, NULL, &bare, NULL)
+                           ? pci_drop_hidden(scratch, stage, reach, &bare)
+                           : pci_fail_memory(scratch->context, stage);
+    if (status == PC_OK && bare.triangle_count < cloth->triangle_count) {
+        status = pci_topology_build_edges(scratch, &bare, &edges)
+                     ? begin_layer(scratch, stage, &bare, &edges, cell_size, layer, filled_loops)
+                     : pci_fail_memory(scratch->context, stage);
+    }
+    if (status == PC_OK && layer->triangle_count > 0) {
+        status = measure(scratch, stage, surface, layer, NULL, thickness, cell_size, reach, 1.0,
+                         &layering, &doubled, &seen);
+    }
+    pci_scratch_rewind(scratch, mark);
+    pc_mesh_free(scratch->context, &bare);
+    if (status != PC_OK || layering != PCI_PLAIN) {
         pc_mesh_free(scratch->context, layer);
     }
     return status;

@@ -45,4 +45,11 @@ PC_NODISCARD pc_status pci_tailored_layer(pci_scratch *scratch, const char *stag
 PC_NODISCARD pc_status pci_face_like(pci_scratch *scratch, const char *stage,
                                      const pc_mesh *reference, bool against, pc_mesh *layer);
 
+// The cloth without what is put onto it, as pouches on a belt or a collar on a coat, if that is
+// plain and all of `surface` within three voxels of it; else `layer` stays empty.
+PC_NODISCARD pc_status pci_bare_layer(pci_scratch *scratch, const char *stage,
+                                      const pc_mesh *surface, const pc_mesh *cloth,
+                                      double thickness, double cell_size, pc_mesh *layer,
+                                      uint64_t *filled_loops);
+
 #endif

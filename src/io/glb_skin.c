@@ -127,10 +127,9 @@ static const cJSON *get_element(const cJSON *parent, const char *list, size_t in
                                                          : NULL;
 }
 
-// An accessor of `width` numbers per element.
 typedef struct accessor {
     const unsigned char *start;
-    size_t count, stride, type, width;
+    size_t count, stride, type;
     bool normalized;
 } accessor;
 
@@ -146,7 +145,6 @@ static pc_status open_accessor(const reader *r, size_t index, const char *type, 
         return fail(r, "accessor %zu is not %s, sparse, compressed or missing", index, type);
     }
     a->type = get_count(object, "componentType", 0);
-    a->width = width;
     a->count = get_count(object, "count", SIZE_MAX);
     a->normalized = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(object, "normalized"));
     const size_t size = a->type == 5126 || a->type == 5125 ? 4

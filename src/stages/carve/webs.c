@@ -16,8 +16,6 @@ static const double web_voxels = 0.25, bridge_voxels = 0.5;
 // The walls of a gap begin so far from the layer without its webs, in voxels, and end within so
 // many of a web's border.
 static const double wall_voxels = 0.1, seam_voxels = 1.5;
-// Gaps that are nowhere deeper than this are no loss, in voxels.
-static const double least_depth = 0.5;
 // What is sewn in the place of a web may bridge so much of what it did.
 static const double most_bridged = 0.5;
 
@@ -322,22 +320,6 @@ static bool fill_walls(pci_scratch *scratch, const pc_mesh *mesh, const pci_topo
     return true;
 }
 
-// Takes the walls that are no discs, and those that are nowhere `depth` away from the webs.
-static void leave_shallow(const pci_bvh *webs, double depth, patches *walls) {
-    uint32_t last = PC_INVALID_INDEX;
-    for (size_t i = 0; i < walls->count; ++i) {
-        walls->list[i].taken = true;
-    }
-    for (size_t t = 0; t < walls->mesh.triangle_count; ++t) {
-        patch *wall = &walls->list[walls->component[t]];
-        if (wall->taken && is_disc(wall)) {
-            double middle[3];
-            pci_triangle_middle(&walls->mesh, t, middle);
-            wall->taken = pci_bvh_within_near(webs, middle, depth, &last);
-        }
-    }
-}
-
 // ---- replacement --------------------------------------------------------------------------------
 
 typedef struct mending {
@@ -568,8 +550,8 @@ typedef struct quarry {
 // Takes walls that begin at most so many rings before the border. False: out of memory, or
 // cancelled.
 static bool try_walls(pci_scratch *scratch, quarry *q, const uint8_t *beyond, uint8_t rings,
-                      const uint8_t *web, const uint8_t *away, const pci_bvh *web_bvh,
-                      patches *webs, pc_mesh *layer, bool *mended) {
+                      const uint8_t *web, const uint8_t *away, patches *webs, pc_mesh *layer,
+                      bool *mended) {
     patches walls = {0};
     uint8_t *marked = PCI_SCRATCH(scratch, uint8_t, q->mesh->triangle_count);
     for (size_t t = 0; t < q->mesh->triangle_count && marked != NULL; ++t) {
@@ -581,7 +563,9 @@ static bool try_walls(pci_scratch *scratch, quarry *q, const uint8_t *beyond, ui
                 fill_walls(scratch, q->mesh, &q->topology, marked) &&
                 find_patches(scratch, q->mesh, marked, &walls);
     if (done) {
-        leave_shallow(web_bvh, least_depth * q->cell_size, &walls);
+        for (size_t i = 0; i < walls.count; ++i) {
+            walls.list[i].taken = !is_disc(&walls.list[i]);
+        }
         done = replace_webs(scratch, q->cloth, web, away, webs, &walls, q->cell_size, q->shape,
                             layer, mended);
     }
@@ -597,7 +581,6 @@ typedef struct survey {
     const uint8_t *web, *corners;
     uint8_t most_rings;
     patches webs;
-    pci_bvh *web_bvh;
     layer_rest rest;
     pci_scratch memory[2]; // of the tasks
     atomic_bool none;      // web that may be mended: nobody needs the rest
@@ -615,7 +598,6 @@ static pc_status survey_nth(void *user, size_t index, pc_context *own) {
     } else if (find_patches(&scratch, s->layer, s->web, &s->webs) &&
                leave_others(&scratch, s->layer, s->topology, &s->webs, &some)) {
         atomic_store(&s->none, !some);
-        status = some ? pci_bvh_create(own, s->stage, &s->webs.mesh, &s->web_bvh) : PC_OK;
     } else {
         status = pci_fail_memory(own, s->stage);
     }
@@ -664,11 +646,10 @@ static pc_status mend_once(pci_scratch *scratch, const char *stage, quarry *q, c
     pci_bvh_destroy(context, s.rest.bvh);
     pc_mesh_free(context, &s.rest.mesh);
     for (; *rings <= q->most_rings && some && !*mended && status == PC_OK; ++*rings) {
-        status = try_walls(scratch, q, beyond, *rings, web, away, s.web_bvh, &s.webs, layer, mended)
+        status = try_walls(scratch, q, beyond, *rings, web, away, &s.webs, layer, mended)
                      ? PC_OK
                      : pci_fail_memory(context, stage);
     }
-    pci_bvh_destroy(context, s.web_bvh);
     pc_mesh_free(context, &s.webs.mesh);
     return status;
 }

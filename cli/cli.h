@@ -188,6 +188,9 @@ void cli_print_line(const char *text);
 // Seconds of a clock that only runs forward.
 double cli_now(void);
 
+// Whether text is UTF-8.
+bool cli_valid_text(const char *text);
+
 // Copies text, with control characters and bytes that are not UTF-8 replaced by '?'.
 void cli_clean_text(char *out, size_t size, const char *text);
 

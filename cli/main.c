@@ -1,8 +1,21 @@
 // Dispatch.
+#define _POSIX_C_SOURCE 200809L
 #include "cli.h"
 
+#include <fcntl.h>
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
+
+// Where a standard stream is closed, the first file opened would take its place, and get messages
+// in its midst. Nothing can be written to what is opened here.
+static bool open_standard_streams(void) {
+    int file = 0;
+    while (file >= 0 && file <= STDERR_FILENO) {
+        file = open("/dev/null", O_RDONLY);
+    }
+    return file >= 0 && close(file) == 0;
+}
 
 static int unknown_command(const char *name) {
     cli_guess guess = {.word = name};
@@ -17,6 +30,9 @@ static int unknown_command(const char *name) {
 }
 
 int main(int argc, char **argv) {
+    if (!open_standard_streams()) {
+        return CLI_TRANSIENT;
+    }
     if (argc < 2) {
         return cli_fail(NULL, CLI_USAGE, "a command is missing; see 'proxycloth help'");
     }

@@ -2,6 +2,8 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
 
 void print_record(const pc_record *record, const void *values, const char *indent) {
     for (size_t i = 0; i < record->field_count; ++i) {
@@ -29,7 +31,12 @@ void json_number(cJSON *object, const char *name, double value) {
 }
 
 void json_text(cJSON *object, const char *name, const char *value) {
-    cJSON_AddItemToObject(object, name, cJSON_CreateString(value));
+    char *clean = NULL; // names of files may be any bytes, JSON is UTF-8
+    if (value != NULL && !cli_valid_text(value) && (clean = malloc(strlen(value) + 1)) != NULL) {
+        cli_clean_text(clean, strlen(value) + 1, value);
+    }
+    cJSON_AddItemToObject(object, name, cJSON_CreateString(clean != NULL ? clean : value));
+    free(clean);
 }
 
 cJSON *json_object(cJSON *object, const char *name) {

@@ -45,6 +45,14 @@ static size_t utf8_length(const unsigned char *text) {
     return length;
 }
 
+bool cli_valid_text(const char *text) {
+    size_t length = 1;
+    for (; *text != '\0' && length != 0; text += length) {
+        length = utf8_length((const unsigned char *)text);
+    }
+    return length != 0;
+}
+
 void cli_clean_text(char *out, size_t size, const char *text) {
     size_t used = 0;
     while (*text != '\0') {

@@ -1,8 +1,10 @@
-#define _POSIX_C_SOURCE 200809L
+#define _XOPEN_SOURCE 700 // realpath
 #include "io/atomic_file.h"
 
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
+#include <stdlib.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -23,6 +25,7 @@ static void discard(pci_atomic_file *file) {
     }
     unlink(file->temporary);
     pc_release(file->context, file->temporary);
+    pc_release(file->context, file->target);
     memset(file, 0, sizeof(*file));
 }
 
@@ -35,15 +38,22 @@ pc_status pci_atomic_begin(pc_context *context, const char *stage, const char *p
         return pci_fail(context, PC_ERROR_IO, stage,
                         "%s: cannot write \"%.300s\": it is not a regular file", stage, path);
     }
-    const size_t size = strlen(path) + 64;
+    // The file at the end of a link is replaced, not the link; realpath needs that there is one.
+    char resolved[PATH_MAX];
+    const char *at = realpath(path, resolved) != NULL ? resolved : path;
+    const size_t length = strlen(at) + 1, size = length + 64;
     char *temporary = PCI_ALLOCATE(context, char, size);
-    if (temporary == NULL) {
+    char *final = PCI_ALLOCATE(context, char, length);
+    if (temporary == NULL || final == NULL) {
+        pc_release(context, temporary);
+        pc_release(context, final);
         return pci_fail_memory(context, stage);
     }
+    memcpy(final, at, length);
     // mkstemp would ignore the umask. The name says who left a file behind after a crash.
     int descriptor = -1;
     for (int attempt = 0; attempt < 1000 && descriptor < 0; ++attempt) {
-        snprintf(temporary, size, "%s.tmp-%ld-%d", path, (long)getpid(), attempt);
+        snprintf(temporary, size, "%s.tmp-%ld-%d", at, (long)getpid(), attempt);
         descriptor = open(temporary, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
         if (descriptor < 0 && errno != EEXIST) {
             break;
@@ -57,12 +67,14 @@ pc_status pci_atomic_begin(pc_context *context, const char *stage, const char *p
             unlink(temporary);
         }
         pc_release(context, temporary);
+        pc_release(context, final);
         return fail_errno(context, stage, "write", path, code);
     }
     file->context = context;
     file->stage = stage;
     file->path = path;
     file->temporary = temporary;
+    file->target = final;
     file->stream = stream;
     errno = 0;
     return PC_OK;
@@ -83,7 +95,7 @@ pc_status pci_atomic_end(pci_atomic_file *file, pc_status status) {
         code = errno;
     }
     file->stream = NULL;
-    if (code == 0 && rename(file->temporary, file->path) != 0) {
+    if (code == 0 && rename(file->temporary, file->target) != 0) {
         code = errno;
     }
     if (code != 0) {
@@ -92,6 +104,7 @@ pc_status pci_atomic_end(pci_atomic_file *file, pc_status status) {
         return status;
     }
     pc_release(file->context, file->temporary);
+    pc_release(file->context, file->target);
     memset(file, 0, sizeof(*file));
     return PC_OK;
 }

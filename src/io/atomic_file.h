@@ -12,7 +12,7 @@ typedef struct pci_atomic_file {
     pc_context *context;
     const char *stage;
     const char *path;
-    char *temporary;
+    char *temporary, *target; // where `path` is a link, the file that it leads to
     FILE *stream; // write here; errors are noticed at the end
 } pci_atomic_file;
 

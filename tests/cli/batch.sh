@@ -68,6 +68,15 @@ counts in/out/batch.json failed 3
 grep -q '"complete":.true' in/out/batch.json || fail "complete"
 clean in/out
 
+# Names may hold spaces, and bytes that no JSON can.
+mkdir 'odd names'
+sheet 6 >"odd names/$(printf 'M\303\244ntel (1) \042x\042').obj"
+sheet 6 >"odd names/$(printf 'M\344ntel').obj"
+batch 0 'odd names' -o 'odd results'
+lines 2 '"outcome":"done"'
+cat stdout 'odd results/batch.json' | iconv -f UTF-8 -t UTF-8 >after || fail "names that are no text"
+clean 'odd results'
+
 # A second run does nothing, and finds no garment among the results.
 listing in/out/garments >before
 batch 1 in -o in/out

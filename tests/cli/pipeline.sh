@@ -72,6 +72,14 @@ for extension in glb h5 proxy.obj png; do
     same a/b/out/outfit.$extension again/outfit.$extension
 done
 
+# Without standard streams nothing takes their place.
+"$program" build outfit.obj -o closed $quick <&- >&- 2>&- || fail "exit code without streams"
+for extension in glb h5 proxy.obj png; do
+    same a/b/out/outfit.$extension closed/outfit.$extension
+done
+"$program" info outfit.obj >&- 2>stderr
+[ $? -eq 4 ] || fail "exit code of info without standard output"
+
 # The stages one by one, in place, give the same bytes.
 run 0 voxelize outfit.obj -o stages.h5 --name outfit --voxels 16
 run 0 isosurface stages.h5
@@ -80,7 +88,14 @@ run 0 graph stages.h5
 run 0 label stages.h5 --write-lp stages.lp
 tail -n 1 stages.lp | grep -q '^End$' || fail "--write-lp"
 run 0 carve stages.h5
+# A link stays one, and the file that it leads to is the new one.
+mkdir elsewhere
+mv stages.h5 elsewhere/carved.h5
+ln -s elsewhere/carved.h5 stages.h5
 run 0 simplify stages.h5 --vertices 60
+[ -L stages.h5 ] || fail "a link to an asset was replaced"
+holds elsewhere carved.h5
+mv elsewhere/carved.h5 stages.h5
 run 0 simulate stages.h5 --frames 8
 run 0 skin stages.h5 -o skinned.h5 --epochs 5
 same skinned.h5 a/b/out/outfit.h5

@@ -395,8 +395,11 @@ static const struct aiScene *import(scene_reader *reader, const char *path, scen
         bytes = import_plain_gltf(reader, path, bytes, &size, format);
         aiAttachLogStream(&warnings);
     }
+    char message[200];
+    if (format == SCENE_PLY && !scene_check_ply(bytes, size, message, sizeof(message))) {
+        import_fail(reader, "%s", message);
+    }
     if (format == SCENE_OBJ) {
-        char message[200];
         char *plain = scene_plain_obj(path, bytes, &size, message, sizeof(message));
         if (plain == NULL) {
             import_fail(reader, "%s", message);

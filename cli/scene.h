@@ -137,6 +137,9 @@ bool scene_isolate(int descriptor);
 char *scene_plain_obj(const char *path, const char *bytes, size_t *size, char *message,
                       size_t message_size);
 
+// Whether a PLY file holds all that its header announces; says what is wrong otherwise.
+bool scene_check_ply(const char *bytes, size_t size, char *message, size_t message_size);
+
 // Animation keys, texture coordinates and weights of a GLB file as floats: the same bytes where
 // they are, else new ones.
 char *scene_unpack_glb(char *bytes, size_t *size);

@@ -120,6 +120,20 @@ expect 3 "truncated.glb: the file is truncated" build truncated.glb -o out
 expect 3 "old.glb: only version 2" build old.glb -o out
 expect 3 "truncated.ply: the file is truncated" build truncated.ply -o out
 cp truncated.ply ply.obj
+ply() { # ply FORMAT VERTICES FACES: the header
+    printf 'ply\nformat %s 1.0\nelement vertex %s\nproperty float x\nproperty float y\n' "$1" "$2"
+    printf 'property float z\nelement %s\nproperty list uchar int vertex_indices\nend_header\n' "$3"
+}
+(ply ascii 4 "face 1" && printf '0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n') >short.ply
+expect 3 'short.ply: the file ends behind 0 of 1 elements "face"' build short.ply -o out
+(ply ascii 3 "face 2" && printf '0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n3 0 1') >short.ply
+expect 3 'short.ply: line 14: too few numbers for an element "face"' build short.ply -o out
+(ply ascii 3 "tristrips 1" && printf '0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n') >short.ply
+expect 3 'short.ply: triangle strips are not supported' build short.ply -o out
+for format in little big; do
+    (ply binary_${format}_endian 3 "face 2" && printf '%036d\003%012d\003%011d' 0 0 0) >short.ply
+    expect 3 'short.ply: the file ends behind 1 of 2 elements "face"' build short.ply -o out
+done
 expect 3 "ply.obj: the file holds PLY data" build ply.obj -o out
 expect 3 "garbage.h5" label garbage.h5
 expect 3 "garbage.h5: this is an asset file" build garbage.h5 -o out

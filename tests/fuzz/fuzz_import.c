@@ -38,12 +38,21 @@ static void respell(const uint8_t *data, size_t size) {
     free(bytes);
 }
 
+static void measure(const uint8_t *data, size_t size) {
+    char message[64];
+    char *bytes = malloc(size + 1);
+    fuzz_assert(bytes != NULL);
+    memcpy(bytes, data, size);
+    fuzz_assert(scene_check_ply(bytes, size, message, sizeof(message)) == (message[0] == '\0'));
+    free(bytes);
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     if (size == 0) {
         return 0;
     }
     if (data[0] % 2 != 0) {
-        (data[0] % 4 == 3 ? respell : unpack)(data + 1, size - 1);
+        (data[0] % 4 == 3 ? respell : data[0] % 8 == 5 ? measure : unpack)(data + 1, size - 1);
         return 0;
     }
     pc_context *context = fuzz_context();

@@ -36,6 +36,27 @@ static bool skip_folder(const FTSENT *entry, const struct stat *output) {
     return result;
 }
 
+// Whether a file of a folder is what `build` made of another: NAME.glb and NAME.proxy.obj side by
+// side.
+static bool is_result(const char *path) {
+    static const char *const pair[] = {".proxy.obj", ".glb"};
+    const size_t length = strlen(path);
+    for (size_t i = 0; i < 2; ++i) {
+        const size_t end = strlen(pair[i]);
+        char *other = length > end && strcmp(path + length - end, pair[i]) == 0
+                          ? malloc(length + sizeof(".proxy.obj"))
+                          : NULL;
+        if (other != NULL) {
+            memcpy(other, path, length - end);
+            memcpy(other + length - end, pair[1 - i], strlen(pair[1 - i]) + 1);
+            const bool found = access(other, F_OK) == 0;
+            free(other);
+            return found;
+        }
+    }
+    return false;
+}
+
 static int add_folder(batch_plan *plan, const char *path) {
     char *roots[] = {strdup(path), NULL};
     FTS *walk = roots[0] != NULL ? fts_open(roots, FTS_LOGICAL | FTS_NOCHDIR, NULL) : NULL;
@@ -47,7 +68,7 @@ static int add_folder(batch_plan *plan, const char *path) {
         if (entry->fts_info == FTS_D && skip_folder(entry, &output)) {
             (void)fts_set(walk, (FTSENT *)(uintptr_t)entry, FTS_SKIP);
         } else if (entry->fts_info == FTS_F && entry->fts_name[0] != '.' &&
-                   scene_named_like_one(entry->fts_name)) {
+                   scene_named_like_one(entry->fts_name) && !is_result(entry->fts_accpath)) {
             const char *name = entry->fts_path + strlen(path);
             code = add_file(plan, entry->fts_path, name + strspn(name, "/"));
         } else if (entry->fts_info == FTS_DNR || entry->fts_info == FTS_ERR) {

@@ -77,6 +77,16 @@ lines 2 '"outcome":"done"'
 cat stdout 'odd results/batch.json' | iconv -f UTF-8 -t UTF-8 >after || fail "names that are no text"
 clean 'odd results'
 
+# What build made of a garment is none itself, unless it is named.
+mkdir built
+sheet 6 >built/cap.obj
+run 0 build built/cap.obj -o built $quick
+batch 0 built -o built/out
+lines 1 '"path":"built/cap.obj".*"outcome":"done"'
+lines 1 '"outcome":'
+batch 0 built/cap.glb -o built/out
+lines 1 '"path":"built/cap.glb".*"outcome":"done"'
+
 # A second run does nothing, and finds no garment among the results.
 listing in/out/garments >before
 batch 1 in -o in/out

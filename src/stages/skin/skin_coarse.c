@@ -254,7 +254,7 @@ fulfil(const prolong_job *job, const size_t columns, size_t v, const tally *w, d
             }
         }
     }
-    pci_simplex_minimize(slots, a, ridge_share * trace + DBL_MIN, weights, gradient);
+    pci_simplex_minimize(slots, a, ridge_share * trace + (double)FLT_MIN, weights, gradient);
 }
 
 static void prolong_rows(void *user, size_t begin, size_t end, uint32_t worker) {

@@ -8,7 +8,7 @@
 
 enum { TRIAL_SWEEPS = 2 }; // that choose the slots anew before the others are taken away
 
-static const double ridge_share = 1e-9; // of the trace of a block, keeps it definite
+static const double ridge_share = 1e-7; // of the trace of a block, keeps it definite
 
 // Largest numbers of what a group needs.
 typedef struct group_sizes {
@@ -51,6 +51,15 @@ static size_t row_stride(const pci_skin_quadratic *q, size_t bones) {
     return (q->width * bones + PCI_SKIN_STRIDE - 1) / PCI_SKIN_STRIDE * PCI_SKIN_STRIDE;
 }
 
+// F is kept of faces of so many slots, of larger ones while their group is loaded.
+enum { KEPT_SLOTS = 8, LOADED_SLOTS = 16 };
+
+static size_t triangle_size(size_t slots) { return slots * (slots - 1) / 2; }
+
+static size_t kept_size(const pci_skin_quadratic *q) {
+    return triangle_size(q->widest < KEPT_SLOTS ? q->widest : KEPT_SLOTS);
+}
+
 // Room for the largest group, for each thread.
 static bool build_loaded(pci_scratch *scratch, pci_skin_quadratic *q) {
     const uint32_t threads = pc_context_threads(scratch->context);
@@ -70,18 +79,11 @@ static bool build_loaded(pci_scratch *scratch, pci_skin_quadratic *q) {
         g->moved = pci_scratch_allocate_aligned(scratch, sizes.rows * stride, sizeof(float));
         g->gram = pci_scratch_allocate_aligned(scratch, width * stride, sizeof(float));
         g->own_gram = PCI_SCRATCH(scratch, double, width *width);
+        g->faces = PCI_SCRATCH(scratch, uint32_t, PCI_SKIN_GROUP);
+        g->factors = PCI_SCRATCH(scratch, float, PCI_SKIN_GROUP *triangle_size(LOADED_SLOTS));
         g->sum = pci_scratch_allocate_aligned(scratch, stride, sizeof(float));
     }
     return !scratch->failed;
-}
-
-// F is kept of faces of so many slots; rows rarely have more for long.
-enum { KEPT_SLOTS = 8 };
-
-static size_t triangle_size(size_t slots) { return slots * (slots - 1) / 2; }
-
-static size_t kept_size(const pci_skin_quadratic *q) {
-    return triangle_size(q->widest < KEPT_SLOTS ? q->widest : KEPT_SLOTS);
 }
 
 bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *problem,
@@ -219,6 +221,7 @@ static inline __attribute__((always_inline)) void load_gram(const pci_skin_quadr
 static void load_group(const sweep_job *job, uint32_t group, pci_skin_group *g) {
     const pci_skin_quadratic *q = job->q;
     number_bones(job, group, g);
+    memset(g->faces, 0, g->own_count * sizeof(*g->faces));
     if (q->width == 1) {
         load_moves(q, 1, g);
         load_gram(q, 1, g);
@@ -238,7 +241,7 @@ typedef struct row_program {
     size_t places[PCI_SKIN_SLOTS_MAX]; // in the matrix of the group
     double diagonal;                   // M_ii
     double weights[PCI_SKIN_SLOTS_MAX], gradient[PCI_SKIN_SLOTS_MAX];
-    double a[PCI_SKIN_SLOTS_MAX * PCI_SKIN_SLOTS_MAX], ridge;
+    double a[PCI_SKIN_SLOTS_MAX * PCI_SKIN_SLOTS_MAX];
 } row_program;
 
 // `width` is that of the quadratic, known where this is compiled; `place`s are those of slots.
@@ -262,7 +265,7 @@ fill_matrix(const pci_skin_quadratic *q, const pci_skin_group *g, const size_t w
         }
         trace += a[i * count + i];
     }
-    return ridge_share * trace + DBL_MIN;
+    return ridge_share * trace + (double)FLT_MIN;
 }
 
 static inline __attribute__((always_inline)) void extract_row(const sweep_job *job, size_t row,
@@ -324,7 +327,7 @@ static inline __attribute__((always_inline)) void find_factor(const pci_skin_qua
                                                               const pci_skin_group *g,
                                                               const size_t width, size_t row,
                                                               const row_face *face, float *factor) {
-    double a[PCI_SKIN_SLOTS_MAX * PCI_SKIN_SLOTS_MAX], f[KEPT_SLOTS * KEPT_SLOTS];
+    double a[PCI_SKIN_SLOTS_MAX * PCI_SKIN_SLOTS_MAX], f[LOADED_SLOTS * LOADED_SLOTS];
     const double ridge = fill_matrix(q, g, width, row, 1.0, face->count, face->places, a);
     pci_simplex_factor(face->count, ridge, a, f);
     for (size_t i = 0; i < triangle_size(face->count); ++i) {
@@ -405,17 +408,20 @@ static inline __attribute__((always_inline)) bool minimize_on_face(const sweep_j
                                                                    const size_t width, size_t row,
                                                                    row_program *r) {
     const pci_skin_quadratic *q = job->q;
-    const size_t member = g->first + row;
-    float *factor = &q->factors[member * kept_size(q)];
     double step[PCI_SKIN_SLOTS_MAX];
     row_face face;
     find_face(r, &face);
-    if (face.count == 0 || face.count > KEPT_SLOTS) {
+    if (face.count == 0 || face.count > LOADED_SLOTS) {
         return false;
     }
-    if (q->faces[member] != face.bits) {
+    const size_t member = g->first + row;
+    const bool kept = face.count <= KEPT_SLOTS;
+    uint32_t *known = kept ? &q->faces[member] : &g->faces[row];
+    float *factor =
+        kept ? &q->factors[member * kept_size(q)] : &g->factors[row * triangle_size(LOADED_SLOTS)];
+    if (*known != face.bits) {
         find_factor(q, g, width, row, &face, factor);
-        q->faces[member] = face.bits;
+        *known = face.bits;
     }
     if (!step_on_face(&face, factor, r, step)) {
         return false;
@@ -434,38 +440,6 @@ static inline __attribute__((always_inline)) bool minimize_on_face(const sweep_j
     }
     pci_simplex_round(r->count, r->weights);
     return true;
-}
-
-// Takes one slot away; its weight goes to the others in proportion.
-static void drop_slot(row_program *r, uint32_t out) {
-    const uint32_t n = r->count;
-    const double left = 1.0 - r->weights[out];
-    for (uint32_t i = 0; i < n; ++i) {
-        const double next = i == out     ? 0.0
-                            : left > 0.0 ? r->weights[i] / left
-                                         : 1.0 / (double)(n - 1);
-        const double moved = next - r->weights[i];
-        r->weights[i] = next;
-        for (uint32_t j = 0; j < n; ++j) {
-            r->gradient[j] += r->a[i * n + j] * moved;
-        }
-    }
-    uint32_t to = 0;
-    for (uint32_t i = 0; i < n; ++i) {
-        if (i == out) {
-            continue;
-        }
-        r->slots[to] = r->slots[i];
-        r->weights[to] = r->weights[i];
-        r->gradient[to] = r->gradient[i];
-        for (uint32_t j = 0, at = 0; j < n; ++j) {
-            if (j != out) {
-                r->a[to * (n - 1) + at++] = r->a[i * n + j];
-            }
-        }
-        ++to;
-    }
-    r->count = n - 1;
 }
 
 // Gives a slot another weight.
@@ -491,17 +465,14 @@ minimize_row(const sweep_job *job, size_t row, const size_t width, pci_skin_grou
     }
     extract_row(job, row, g, width, &r);
     if (job->kept > 0 || !minimize_on_face(job, g, width, row, &r)) {
-        r.ridge = fill_matrix(job->q, g, width, row, r.diagonal, r.count, r.places, r.a);
-        pci_simplex_minimize(r.count, r.a, r.ridge, r.weights, r.gradient);
-    }
-    while (job->kept > 0 && r.count > job->kept) {
-        const uint32_t out = pci_simplex_least(r.count, r.a, r.ridge, r.weights);
-        if (job->allowed != NULL) {
-            job->allowed[v] &= ~((uint32_t)1 << r.slots[out]);
+        const uint32_t kept = job->kept > 0 && job->kept < r.count ? job->kept : r.count;
+        const double ridge = fill_matrix(job->q, g, width, row, r.diagonal, r.count, r.places, r.a);
+        const uint64_t left = pci_simplex_prune(r.count, r.a, ridge, kept, r.weights, r.gradient);
+        for (uint32_t i = 0; i < r.count && job->allowed != NULL; ++i) {
+            if ((left >> i & 1) == 0) {
+                job->allowed[v] &= ~((uint32_t)1 << r.slots[i]);
+            }
         }
-        move_slot(job, row, r.slots[out], 0.0, g);
-        drop_slot(&r, out);
-        pci_simplex_minimize(r.count, r.a, r.ridge, r.weights, r.gradient);
     }
     for (uint32_t i = 0; i < r.count; ++i) {
         move_slot(job, row, r.slots[i], r.weights[i], g);

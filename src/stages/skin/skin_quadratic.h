@@ -38,6 +38,8 @@ typedef struct pci_skin_group {
     float *gram;          // #own bones width by stride: G
     double *own_gram;     // #own bones width by #own bones width
     float *sum;           // stride
+    uint32_t *faces;      // rows of the group: as those of the quadratic, for larger faces
+    float *factors;
 } pci_skin_group;
 
 typedef struct pci_skin_quadratic {

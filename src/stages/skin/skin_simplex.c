@@ -3,74 +3,6 @@
 
 #include "stages/skin/skin_frames.h"
 
-// y = (A + ridge I)^-1 y and z likewise on the free slots, by factors L D L^T. Compiled for each
-// small n: most of the time would go into the ends of short loops.
-static inline __attribute__((always_inline)) void solve_n(uint32_t count, const double *a,
-                                                          double ridge, const uint32_t n,
-                                                          const uint32_t *slots, double *y,
-                                                          double *z) {
-    double l[PCI_SKIN_SLOTS_MAX][PCI_SKIN_SLOTS_MAX];
-    double inverse[PCI_SKIN_SLOTS_MAX], scaled[PCI_SKIN_SLOTS_MAX];
-    for (uint32_t i = 0; i < n; ++i) {
-        const double *row = &a[(size_t)slots[i] * count];
-        double diagonal = row[slots[i]] + ridge, sum_y = y[i], sum_z = z[i];
-        for (uint32_t j = 0; j < i; ++j) {
-            double sum = row[slots[j]];
-            for (uint32_t k = 0; k < j; ++k) {
-                sum -= scaled[k] * l[j][k];
-            }
-            scaled[j] = sum;
-            l[i][j] = sum * inverse[j];
-            diagonal -= sum * l[i][j];
-            sum_y -= l[i][j] * y[j];
-            sum_z -= l[i][j] * z[j];
-        }
-        // Rounding may leave less than the ridge.
-        inverse[i] = 1.0 / (diagonal > ridge ? diagonal : ridge);
-        y[i] = sum_y;
-        z[i] = sum_z;
-    }
-    for (uint32_t i = n; i-- > 0;) {
-        double sum_y = y[i] * inverse[i], sum_z = z[i] * inverse[i];
-        for (uint32_t k = i + 1; k < n; ++k) {
-            sum_y -= l[k][i] * y[k];
-            sum_z -= l[k][i] * z[k];
-        }
-        y[i] = sum_y;
-        z[i] = sum_z;
-    }
-}
-
-static void solve_free(uint32_t count, const double *a, double ridge, uint32_t n,
-                       const uint32_t *slots, double *y, double *z) {
-    switch (n) {
-    case 2:
-        solve_n(count, a, ridge, 2, slots, y, z);
-        break;
-    case 3:
-        solve_n(count, a, ridge, 3, slots, y, z);
-        break;
-    case 4:
-        solve_n(count, a, ridge, 4, slots, y, z);
-        break;
-    case 5:
-        solve_n(count, a, ridge, 5, slots, y, z);
-        break;
-    case 6:
-        solve_n(count, a, ridge, 6, slots, y, z);
-        break;
-    case 7:
-        solve_n(count, a, ridge, 7, slots, y, z);
-        break;
-    case 8:
-        solve_n(count, a, ridge, 8, slots, y, z);
-        break;
-    default:
-        solve_n(count, a, ridge, n, slots, y, z);
-        break;
-    }
-}
-
 bool pci_simplex_enters(double slope, double multiplier) {
     return slope - multiplier < -1e-9 * fabs(multiplier);
 }
@@ -111,92 +43,256 @@ void pci_simplex_factor(uint32_t n, double ridge, const double *a, double *facto
     }
 }
 
-void pci_simplex_minimize(uint32_t count, const double *a, double ridge, double *w, double *g) {
-    uint32_t slots[PCI_SKIN_SLOTS_MAX], n = 0;
-    for (uint32_t k = 0; k < count; ++k) {
-        if (w[k] > 0.0) {
-            slots[n++] = k;
+// ---- active sets
+// ---------------------------------------------------------------------------------
+
+// A program with C of the slots in its face, which slots enter and leave at the price of a product
+// with a vector.
+typedef struct program {
+    uint32_t count;
+    uint64_t face, closed; // bits; those in neither are at 0 and may enter
+    double ridge;
+    double w[PCI_SKIN_SLOTS_MAX], g[PCI_SKIN_SLOTS_MAX];
+    // Rows of `stride`, 0 where there is no slot; C also where a slot is not in the face.
+    double a[PCI_SKIN_SLOTS_MAX * PCI_SKIN_SLOTS_MAX];
+    double inverse[PCI_SKIN_SLOTS_MAX * PCI_SKIN_SLOTS_MAX];
+} program;
+
+static inline uint64_t bit_of(uint32_t slot) { return (uint64_t)1 << slot; }
+
+static inline uint32_t take_first(uint64_t *bits) {
+    const uint32_t slot = (uint32_t)__builtin_ctzll(*bits);
+    *bits &= *bits - 1;
+    return slot;
+}
+
+static inline __attribute__((always_inline)) double sum_of(const size_t stride, const double *row) {
+    double sum = 0.0;
+    for (size_t j = 0; j < stride; ++j) {
+        sum += row[j];
+    }
+    return sum;
+}
+
+// C grows by v v^T / v^T (A + ridge I) v, where v gives to the slot and takes from the face what
+// leaves its gradient even. `stride` is known where this is compiled, here and below.
+static inline __attribute__((always_inline)) void enter(program *p, const size_t stride,
+                                                        uint32_t slot) {
+    double h[PCI_SKIN_SLOTS_MAX], v[PCI_SKIN_SLOTS_MAX], square = 0.0;
+    const uint64_t face = p->face;
+    p->face |= bit_of(slot);
+    if (face == 0) {
+        return;
+    }
+    const uint32_t other = (uint32_t)__builtin_ctzll(face);
+    size_t n = 0;
+    do { // there is one at least
+        h[n] = p->a[slot * stride + n] - p->a[other * stride + n];
+        v[n] = 0.0;
+    } while (++n < stride);
+    h[slot] += p->ridge;
+    h[other] -= p->ridge;
+    v[slot] = 1.0;
+    v[other] = -1.0;
+    for (uint64_t left = face; left != 0;) {
+        const uint32_t i = take_first(&left);
+        for (size_t j = 0; j < stride; ++j) {
+            v[j] -= h[i] * p->inverse[i * stride + j];
         }
     }
-    const uint32_t most_steps = 3 * count + 3; // cycles are impossible but for rounding
-    for (uint32_t step = 0; step < most_steps; ++step) {
-        // The minimum on the face of the free slots.
-        double y[PCI_SKIN_SLOTS_MAX], z[PCI_SKIN_SLOTS_MAX], sum_y = 0.0, sum_z = 0.0;
-        for (uint32_t i = 0; i < n; ++i) {
-            y[i] = g[slots[i]];
-            z[i] = 1.0;
+    v[other] -= sum_of(stride, v);
+    for (uint64_t left = p->face; left != 0;) {
+        const uint32_t i = take_first(&left);
+        square += v[i] * h[i];
+    }
+    // Rounding may leave less than the ridge.
+    const double scale = 1.0 / sqrt(square > p->ridge ? square : p->ridge);
+    for (size_t j = 0; j < stride; ++j) {
+        v[j] *= scale;
+    }
+    for (uint64_t left = p->face; left != 0;) {
+        const uint32_t i = take_first(&left);
+        for (size_t j = 0; j < stride; ++j) {
+            p->inverse[i * stride + j] += v[i] * v[j];
         }
-        double multiplier = n == 1 ? g[slots[0]] : 0.0, share = 1.0;
-        uint32_t blocking = n;
-        if (n > 1) {
-            solve_free(count, a, ridge, n, slots, y, z);
-            for (uint32_t i = 0; i < n; ++i) {
-                sum_y += y[i];
-                sum_z += z[i];
-            }
-            multiplier = sum_y / sum_z;
-            for (uint32_t i = 0; i < n; ++i) {
-                y[i] = multiplier * z[i] - y[i]; // the step
-                if (w[slots[i]] + share * y[i] < 0.0) {
-                    share = w[slots[i]] / -y[i];
-                    blocking = i;
-                }
-            }
-            for (uint32_t i = 0; i < n; ++i) {
-                w[slots[i]] += share * y[i];
-                const double moved = share * y[i], *row = &a[(size_t)slots[i] * count];
-                for (uint32_t k = 0; k < count; ++k) {
-                    g[k] += moved * row[k];
-                }
+    }
+}
+
+static inline __attribute__((always_inline)) void leave(program *p, const size_t stride,
+                                                        uint32_t slot) {
+    const double pivot = p->inverse[slot * stride + slot];
+    double v[PCI_SKIN_SLOTS_MAX];
+    p->face &= ~bit_of(slot);
+    p->w[slot] = 0.0;
+    const double scale = pivot > 0.0 ? 1.0 / sqrt(pivot) : 0.0;
+    for (size_t j = 0; j < stride; ++j) {
+        v[j] = scale * p->inverse[slot * stride + j];
+        p->inverse[slot * stride + j] = 0.0;
+    }
+    v[slot] = 0.0;
+    for (uint64_t left = p->face; left != 0;) {
+        const uint32_t i = take_first(&left);
+        for (size_t j = 0; j < stride; ++j) {
+            p->inverse[i * stride + j] -= v[i] * v[j];
+        }
+        p->inverse[i * stride + slot] = 0.0;
+        if (p->face == bit_of(i)) { // alone it cannot move, rounding or not
+            p->inverse[i * stride + i] = 0.0;
+        }
+    }
+}
+
+// Goes along a step within the face until it ends or a slot is at 0, which then leaves. False: one
+// did.
+static inline __attribute__((always_inline)) bool go(program *p, const size_t stride,
+                                                     double *step) {
+    double share = 1.0;
+    uint32_t blocking = p->count;
+    step[__builtin_ctzll(p->face)] -= sum_of(stride, step);
+    for (uint64_t left = p->face; left != 0;) {
+        const uint32_t i = take_first(&left);
+        if (p->w[i] + share * step[i] < 0.0) {
+            share = p->w[i] / -step[i];
+            blocking = i;
+        }
+    }
+    for (uint64_t left = p->face; left != 0;) {
+        const uint32_t i = take_first(&left);
+        const double moved = share * step[i];
+        p->w[i] += moved;
+        for (size_t j = 0; j < stride; ++j) {
+            p->g[j] += moved * p->a[i * stride + j];
+        }
+    }
+    if (blocking < p->count) {
+        leave(p, stride, blocking);
+    }
+    return blocking == p->count;
+}
+
+// The slope that those in the face have, at a minimum.
+static double mean_slope(const program *p) {
+    double sum = 0.0;
+    for (uint64_t left = p->face; left != 0;) {
+        const uint32_t i = take_first(&left);
+        sum += p->w[i] * p->g[i];
+    }
+    return sum;
+}
+
+static inline __attribute__((always_inline)) void descend(program *p, const size_t stride) {
+    const uint32_t most_steps = 3 * p->count + 3; // cycles are impossible but for rounding
+    for (uint32_t n = 0; n < most_steps; ++n) {
+        const double mean = mean_slope(p);
+        double step[PCI_SKIN_SLOTS_MAX];
+        for (size_t j = 0; j < stride; ++j) {
+            step[j] = 0.0;
+        }
+        for (uint64_t left = p->face; left != 0;) {
+            const uint32_t i = take_first(&left);
+            for (size_t j = 0; j < stride; ++j) {
+                step[j] -= (p->g[i] - mean) * p->inverse[i * stride + j];
             }
         }
-        if (blocking < n) {
-            w[slots[blocking]] = 0.0;
-            for (uint32_t i = blocking; i + 1 < n; ++i) {
-                slots[i] = slots[i + 1];
-            }
-            --n;
+        if (!go(p, stride, step)) {
             continue;
         }
         // The slot at 0 that would lower the objective most.
-        uint32_t entering = count;
-        for (uint32_t k = 0; k < count; ++k) {
-            if (!(w[k] > 0.0) && pci_simplex_enters(g[k], multiplier) &&
-                (entering == count || g[k] < g[entering])) {
+        const double multiplier = mean_slope(p);
+        uint32_t entering = p->count;
+        for (uint32_t k = 0; k < p->count; ++k) {
+            if (((p->face | p->closed) >> k & 1) == 0 && pci_simplex_enters(p->g[k], multiplier) &&
+                (entering == p->count || p->g[k] < p->g[entering])) {
                 entering = k;
             }
         }
-        for (uint32_t i = 0; i < n && entering < count; ++i) {
-            entering = slots[i] == entering ? count : entering; // free, at 0 by chance
+        if (entering == p->count) {
+            return;
         }
-        if (entering == count) {
-            break;
-        }
-        slots[n++] = entering;
+        enter(p, stride, entering);
     }
-    pci_simplex_round(count, w);
 }
 
-uint32_t pci_simplex_least(uint32_t count, const double *a, double ridge, const double *w) {
-    double factor[PCI_SKIN_SLOTS_MAX * (PCI_SKIN_SLOTS_MAX - 1) / 2];
-    double c[PCI_SKIN_SLOTS_MAX] = {0}, least = INFINITY; // c: C_kk
-    uint32_t best = count - 1;
-    pci_simplex_factor(count, ridge, a, factor);
-    const double *row = factor;
-    for (uint32_t i = 1; i < count; row += i++) {
-        double sum = 0.0;
-        for (uint32_t j = 0; j < i; ++j) {
-            c[j + 1] += row[j] * row[j];
-            sum += row[j];
-        }
-        c[0] += sum * sum;
-    }
-    for (uint32_t k = 0; k < count; ++k) {
-        const double cost = w[k] > 0.0 ? w[k] * w[k] / (2.0 * c[k]) : 0.0;
-        if (cost < least) {
-            least = cost;
-            best = k;
+// The slot that costs least to fix at 0 while the others adapt with their sum kept and signs
+// ignored: the least w_k^2 / (2 C_kk). Of those at 0, which cost nothing, the first.
+static uint32_t cheapest(const program *p, size_t stride) {
+    double least = INFINITY;
+    uint32_t best = p->count;
+    for (uint32_t k = 0; k < p->count; ++k) {
+        if ((p->closed >> k & 1) == 0) {
+            const double w = p->w[k];
+            const double cost = w > 0.0 ? w * w / p->inverse[k * stride + k] : 0.0;
+            if (best == p->count || cost < least) {
+                least = cost;
+                best = k;
+            }
         }
     }
     return best;
+}
+
+// The others adapt as its weight goes to 0.
+static inline __attribute__((always_inline)) void shut(program *p, const size_t stride,
+                                                       uint32_t slot) {
+    p->closed |= bit_of(slot);
+    while (p->w[slot] > 0.0 && p->face != bit_of(slot)) {
+        const double *row = &p->inverse[slot * stride];
+        double step[PCI_SKIN_SLOTS_MAX];
+        for (size_t j = 0; j < stride; ++j) {
+            step[j] = -p->w[slot] / row[slot] * row[j];
+        }
+        step[slot] = -p->w[slot];
+        if (go(p, stride, step)) {
+            break;
+        }
+    }
+    if (p->face >> slot & 1) {
+        leave(p, stride, slot);
+        descend(p, stride);
+    }
+}
+
+static inline __attribute__((always_inline)) uint64_t run(uint32_t count, const size_t stride,
+                                                          const double *a, double ridge,
+                                                          uint32_t kept, double *w, double *g) {
+    program p;
+    p.count = count;
+    p.ridge = ridge;
+    p.face = p.closed = 0;
+    memset(p.inverse, 0, stride * stride * sizeof(*p.inverse));
+    for (size_t i = 0; i < stride; ++i) {
+        p.w[i] = i < count ? w[i] : 0.0;
+        p.g[i] = i < count ? g[i] : 0.0;
+        for (size_t j = 0; j < stride; ++j) {
+            p.a[i * stride + j] = i < count && j < count ? a[i * count + j] : 0.0;
+        }
+    }
+    for (uint32_t k = 0; k < count; ++k) {
+        if (w[k] > 0.0) {
+            enter(&p, stride, k);
+        }
+    }
+    descend(&p, stride);
+    for (uint32_t left = count; left > kept; --left) {
+        shut(&p, stride, cheapest(&p, stride));
+    }
+    memcpy(w, p.w, count * sizeof(*w));
+    memcpy(g, p.g, count * sizeof(*g));
+    pci_simplex_round(count, w);
+    return ~p.closed;
+}
+
+uint64_t pci_simplex_prune(uint32_t count, const double *a, double ridge, uint32_t kept, double *w,
+                           double *g) {
+    // Compiled for each small size: most of the time would go into the ends of short loops.
+    return count <= 4    ? run(count, 4, a, ridge, kept, w, g)
+           : count <= 8  ? run(count, 8, a, ridge, kept, w, g)
+           : count <= 12 ? run(count, 12, a, ridge, kept, w, g)
+           : count <= 16 ? run(count, 16, a, ridge, kept, w, g)
+           : count <= 32 ? run(count, 32, a, ridge, kept, w, g)
+                         : run(count, PCI_SKIN_SLOTS_MAX, a, ridge, kept, w, g);
+}
+
+void pci_simplex_minimize(uint32_t count, const double *a, double ridge, double *w, double *g) {
+    (void)pci_simplex_prune(count, a, ridge, count, w, g);
 }

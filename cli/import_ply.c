@@ -183,7 +183,9 @@ bool scene_check_ply(const char *bytes, size_t size, char *message, size_t messa
             snprintf(message, message_size,
                      "triangle strips are not supported; export it with faces");
         }
-        for (unsigned long long k = 0; k < element->count && message[0] == '\0'; ++k) {
+        // Without properties there is nothing to run out of.
+        const unsigned long long count = element->property_count != 0 ? element->count : 0;
+        for (unsigned long long k = 0; k < count && message[0] == '\0'; ++k) {
             bool complete = true;
             if (!(file->binary ? take_bytes(file, element) : take_line(file, element, &complete))) {
                 snprintf(message, message_size,

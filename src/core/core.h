@@ -139,6 +139,8 @@ static inline int pci_compare_u64(const void *left, const void *right) {
 
 // ---- vectors ------------------------------------------------------------------------------------
 
+#define PCI_PI 3.14159265358979323846
+
 static inline double pci_dot(const double a[3], const double b[3]) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }

@@ -12,7 +12,7 @@ static const double least_gain = 0.25;
 // A slit gets wider by less than this share of its border: beyond, its sides part.
 static const double parting = 0.25;
 // A slit turns at its tip by half a turn in all; half of that is enough.
-static const double least_turning = 1.57079632679489661923;
+static const double least_turning = 0.5 * PCI_PI;
 // Edges that stay of a loop.
 enum { least_opening = 3 };
 // Share of the filling that may be turned over: edges of layers are frayed.
@@ -134,7 +134,7 @@ static double turning_of(const loop *l, const notch *n) {
                 around += acos(fmax(-1.0, fmin(1.0, pci_dot(to, from))));
             }
         }
-        sum += around - 3.14159265358979323846;
+        sum += around - PCI_PI;
     }
     return sum;
 }

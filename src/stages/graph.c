@@ -226,7 +226,6 @@ static double find_edge_weights(const pci_topology *topology, const double *curv
 enum { TUBE_DIRECTIONS = 6 };
 // Thinner solids are sheets, in voxels.
 static const double least_tube = 0.5;
-static const double pi = 3.14159265358979323846;
 
 typedef struct ray_filter {
     const pc_mesh *mesh;
@@ -271,7 +270,7 @@ static bool inside_tube(const work *w, uint32_t vertex, double thickness) {
         middle[k] = v[k] - 0.5 * thickness * n[k];
     }
     for (size_t i = 0; i < TUBE_DIRECTIONS; ++i) {
-        const double angle = pi * (double)i / TUBE_DIRECTIONS;
+        const double angle = PCI_PI * (double)i / TUBE_DIRECTIONS;
         double width = 0.0;
         for (int side = -1; side <= 1 && width < limit; side += 2) {
             double direction[3];

@@ -59,13 +59,12 @@ static bool lacks_faces(const pc_mesh *mesh, const uint32_t *faces, const uint32
 
 static bool loop_is_hole(const pc_mesh *mesh, const pci_hole_limits *limits, const uint32_t *faces,
                          const uint32_t *loop, size_t length, double area) {
-    const double pi = 3.14159265358979323846;
     loop_shape shape;
     if (length < 3 || length > limits->most_edges) {
         return false;
     }
     measure_loop(mesh, loop, length, &shape);
-    if (area <= hole_area_ratio * shape.perimeter * shape.perimeter / (4.0 * pi)) {
+    if (area <= hole_area_ratio * shape.perimeter * shape.perimeter / (4.0 * PCI_PI)) {
         return false;
     }
     if (shape.perimeter > limits->longest) {

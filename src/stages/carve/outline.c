@@ -50,7 +50,6 @@ enum { most_tests = 256 };
 // A membrane that reaches the threshold is cut out up to where it is this share of that beside the
 // visual mesh: the tip of a slit is narrow.
 static const double followed = 0.5;
-static const double pi = 3.14159265358979323846;
 
 // ---- regions beside the visual mesh ------------------------------------------------------------
 
@@ -193,7 +192,7 @@ static void mark_sector(const region *r, const double point[3], uint32_t *marks)
     pci_cross(n, x, y);
     pci_cross(y, n, x);
     pci_sub(point, r->centre, away);
-    const double turn = 0.5 + atan2(pci_dot(away, y), pci_dot(away, x)) / (2.0 * pi);
+    const double turn = 0.5 + atan2(pci_dot(away, y), pci_dot(away, x)) / (2.0 * PCI_PI);
     *marks |= UINT32_C(1) << ((uint32_t)(turn * sectors) % sectors);
 }
 

@@ -2,8 +2,6 @@
 
 #include <stdlib.h>
 
-static const double pi = 3.14159265358979323846;
-
 // A border loop as a closed polyline.
 typedef struct loop {
     size_t count;
@@ -64,7 +62,7 @@ static size_t find_in_loop(const loop *l, double reach, double *values, corner *
     if (!(total > 6.0 * reach)) {
         return count; // nothing but corners
     }
-    const double least = sin(pi * (1.0 / 6.0 + reach / total)); // half the angle
+    const double least = sin(PCI_PI * (1.0 / 6.0 + reach / total)); // half the angle
     for (size_t i = 0; i < l->count; ++i) {
         values[i] = sharpness(l, i, reach);
     }

@@ -5,8 +5,6 @@
 #include "core/heap.h"
 #include "stages/simplify/tube_map.h"
 
-static const double pi = 3.14159265358979323846;
-
 // Clusters around a tube. Wider ones are no tubes for the number of vertices, narrower ones get
 // what the topology needs.
 static const double narrowest = 1.9, widest = 5.5;
@@ -313,7 +311,7 @@ static layout choose_layout(const search *t) {
 
 static size_t cell_of(const search *t, const layout *l, size_t i) {
     const double ring = floor(t->tube.along[i] * ((double)l->rows + 0.5) + 0.5);
-    const double turn = t->tube.around[i] / (2.0 * pi) * (double)l->around + l->phase;
+    const double turn = t->tube.around[i] / (2.0 * PCI_PI) * (double)l->around + l->phase;
     const size_t sector = (size_t)((long)floor(turn + 0.5) + 2 * (long)l->around) % l->around;
     const size_t row = (size_t)fmin(fmax(ring, 0.0), (double)l->rows);
     return row * l->around + sector;

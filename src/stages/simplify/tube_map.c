@@ -2,8 +2,6 @@
 
 #include "solvers/conjugate_gradients.h"
 
-static const double pi = 3.14159265358979323846;
-
 typedef struct link {
     uint32_t a, b; // members
     double weight;
@@ -125,9 +123,9 @@ static bool find_angles(pci_scratch *scratch, pci_tube *t, double flux) {
                 continue;
             }
             const uint32_t other = mesh->twins[h] / 3;
-            angle[other] = fmod(angle[f] + 2.0 * pi / flux * edge_weight(mesh, h) *
+            angle[other] = fmod(angle[f] + 2.0 * PCI_PI / flux * edge_weight(mesh, h) *
                                                (t->along[b] - t->along[a]),
-                                2.0 * pi);
+                                2.0 * PCI_PI);
             queue[count++] = other;
         }
     }

@@ -128,14 +128,6 @@ static uint32_t terminal_edge(const pci_halfedge *mesh, uint32_t h) {
     return h;
 }
 
-static bool lies_close(const pci_isoline *line, uint32_t t) {
-    double middle[3];
-    const pc_mesh surface = {line->mesh.vertex_count, line->mesh.positions,
-                             line->mesh.triangle_count, line->mesh.corners};
-    pci_triangle_middle(&surface, t, middle);
-    return line->closer != NULL && pci_knn_within(line->closer, middle, line->reach, NULL);
-}
-
 // Whether points along the edges of a triangle, no farther apart than `shortest`, are within the
 // threshold: then splits would find nothing. Few points are asked.
 static bool is_plain(const pci_isoline *line, uint32_t t, double shortest) {
@@ -175,8 +167,7 @@ static uint32_t edge_to_split(const pci_isoline *line, uint32_t t, double shorte
     }
     const uint32_t edge = longest_edge(&line->mesh, t);
     const double longest = sqrt(squared_length(&line->mesh, edge));
-    const bool wanted = farthest + 0.5 * longest > threshold &&
-                        (longest > shortest || (longest > 0.5 * shortest && lies_close(line, t)));
+    const bool wanted = farthest + 0.5 * longest > threshold && longest > shortest;
     const bool plain =
         wanted && line->coarse && farthest == unmeasured && is_plain(line, t, shortest);
     return wanted && !plain ? terminal_edge(&line->mesh, edge) : PC_INVALID_INDEX;

@@ -9,7 +9,6 @@
 typedef struct pci_isoline {
     const pci_bvh *visual;
     const pci_knn *focus; // distances are measured within `reach` of these points; NULL: everywhere
-    const pci_knn *closer; // edges within `reach` of these become half as long; NULL: none
     double reach;
     // Whether the distances of points within the threshold of the visual mesh do not matter, which
     // is so while edges are longer than two thresholds: most of them are never measured. The focus
@@ -25,7 +24,7 @@ typedef struct pci_isoline {
 } pci_isoline;
 
 // Refines a copy of the layer where the distance may pass through `threshold`, to edges no longer
-// than `shortest`, and splits the edges that cross the isoline on it. `visual`, `focus`, `closer`,
+// than `shortest`, and splits the edges that cross the isoline on it. `visual`, `focus`,
 // `reach` and `coarse` are set already. False: out of memory, or cancelled.
 bool pci_isoline_refine(pci_scratch *scratch, const pc_mesh *layer, double threshold,
                         double shortest, pci_isoline *line);

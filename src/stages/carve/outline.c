@@ -41,10 +41,8 @@ static const demands of_membranes = {1.0, 1.2, 9, 0.9, 0.5},
 // The iso-surface closes openings up to two voxels wide; no part of a membrane is farther from the
 // rim than so many voxels.
 static const double widest = 3.0;
-// The second pass looks so far around what the first one found, in voxels. Of regions that are
-// smaller than a disc two voxels wide, in squared voxels, few points tell how they are framed:
-// edges there become half as long.
-static const double beyond = 0.5, small = 3.2;
+// The second pass looks so far around what the first one found, in voxels.
+static const double beyond = 0.5;
 // Membranes that are tested for holding the layer together.
 enum { most_tests = 256 };
 // A membrane that reaches the threshold is cut out up to where it is this share of that beside the
@@ -435,7 +433,6 @@ typedef struct cutting {
     double isoline; // distance up to which regions go
     const demands *least;
     uint8_t *keep; // #F of the refined layer
-    uint32_t *of;  // #F, region, PC_INVALID_INDEX: none
     region *regions;
     size_t region_count;
 } cutting;
@@ -500,21 +497,18 @@ static bool choose_triangles(const pci_isoline *o, const uint32_t *of, cutting *
 }
 
 // Refines the layer along the isoline, where points of `focus` are within `reach` (NULL:
-// everywhere), once more near points of `closer`, and decides what to keep by the demands of `c`.
-static bool find_regions(cutting *c, const pci_knn *focus, const pci_knn *closer, double reach,
-                         pci_scratch *scratch, const pc_mesh *layer, pci_isoline *o) {
+// everywhere), and decides what to keep by the demands of `c`.
+static bool find_regions(cutting *c, const pci_knn *focus, double reach, pci_scratch *scratch,
+                         const pc_mesh *layer, pci_isoline *o) {
     // Finer than an eighth of a voxel there is nothing to see, and a layer that runs near the
     // threshold everywhere would be refined everywhere.
     const double shortest = c->least->fineness * fmax(c->threshold, 0.25 * c->cell_size);
-    *o = (pci_isoline){.visual = c->visual,
-                       .focus = focus,
-                       .closer = closer,
-                       .reach = reach,
-                       .coarse = c->least == &of_candidates};
+    *o = (pci_isoline){
+        .visual = c->visual, .focus = focus, .reach = reach, .coarse = c->least == &of_candidates};
     if (!pci_isoline_refine(scratch, layer, c->isoline, shortest, o)) {
         return false;
     }
-    uint32_t *of = c->of = PCI_SCRATCH(scratch, uint32_t, o->mesh.triangle_count);
+    uint32_t *of = PCI_SCRATCH(scratch, uint32_t, o->mesh.triangle_count);
     if (of == NULL || !join_regions(o, c->isoline, of, &c->regions, &c->region_count)) {
         return false;
     }
@@ -544,9 +538,9 @@ static bool take_kept(pci_isoline *o, size_t first, uint8_t *keep, pc_mesh *kept
     return done;
 }
 
-// Lists the vertices of what is not kept, or of the small regions among that. False: out of memory.
+// Lists the vertices of what is not kept. False: out of memory.
 static bool list_removed(pci_scratch *scratch, const pci_isoline *o, const cutting *c,
-                         bool small_ones, pci_knn *points) {
+                         pci_knn *points) {
     const pci_halfedge *mesh = &o->mesh;
     uint8_t *listed = PCI_SCRATCH(mesh->scratch, uint8_t, mesh->vertex_count);
     size_t count = 0, next = 0;
@@ -555,11 +549,8 @@ static bool list_removed(pci_scratch *scratch, const pci_isoline *o, const cutti
     }
     for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
         uint8_t *at = &listed[mesh->corners[i]];
-        const bool wanted =
-            !c->keep[i / 3] &&
-            (!small_ones || c->regions[c->of[i / 3]].area < small * c->cell_size * c->cell_size);
-        count += wanted && !*at;
-        *at |= wanted;
+        count += !c->keep[i / 3] && !*at;
+        *at |= !c->keep[i / 3];
     }
     double *positions = PCI_SCRATCH(scratch, double, 3 * count);
     for (size_t v = 0; positions != NULL && v < mesh->vertex_count; ++v) {
@@ -585,11 +576,10 @@ pc_status pci_cut_outline(pci_scratch *scratch, const char *stage, const pci_bvh
     pci_isoline o;
     // The first pass finds candidates, the second refines near them, decides and cuts.
     pci_scratch first = pci_scratch_begin(context);
-    pci_knn candidates, closer;
-    const bool found = find_regions(&c, mode == PCI_OUTLINE_MEMBRANES ? &rims->points : NULL, NULL,
+    pci_knn candidates;
+    const bool found = find_regions(&c, mode == PCI_OUTLINE_MEMBRANES ? &rims->points : NULL,
                                     widest * cell_size, &first, layer, &o) &&
-                       list_removed(scratch, &o, &c, false, &candidates) &&
-                       list_removed(scratch, &o, &c, true, &closer);
+                       list_removed(scratch, &o, &c, &candidates);
     pci_scratch_end(&first);
     if (!found) {
         return pci_fail_memory(context, stage);
@@ -606,8 +596,7 @@ pc_status pci_cut_outline(pci_scratch *scratch, const char *stage, const pci_bvh
     }
     c.least = &of_membranes;
     c.layer = bvh;
-    const bool chosen =
-        find_regions(&c, &candidates, &closer, beyond * cell_size, scratch, layer, &o);
+    const bool chosen = find_regions(&c, &candidates, beyond * cell_size, scratch, layer, &o);
     pci_bvh_destroy(context, bvh);
     if (!chosen) {
         return pci_fail_memory(context, stage);

@@ -1,4 +1,4 @@
-// The cloth without what is put onto it.
+// The part of the cloth that others are put onto.
 #include "support/test.h"
 
 #include "stages/carve/visual_layer.h"
@@ -9,7 +9,7 @@ static const double cell_size = 0.1;
 
 // A tube with a collar around it, that stands off so far, and with a closed pouch.
 static pc_mesh belt(pc_context *context, double collar, double pouch) {
-    pc_mesh mesh = test_tube(context, 32, 16, 1.0, 2.0);
+    pc_mesh mesh = test_tube(context, 32, 16, 1.0, 4.0);
     pc_mesh ring = test_tube(context, 32, 4, 1.0 + collar, 0.4);
     sew_move(&ring, 0.0, 1.0, 0.0);
     sew_add(context, &mesh, ring);
@@ -22,35 +22,58 @@ static pc_mesh belt(pc_context *context, double collar, double pouch) {
     return mesh;
 }
 
-static pc_status bare(pc_context *context, const pc_mesh *mesh, pc_mesh *layer) {
+static pc_status bare(pc_context *context, const pc_mesh *mesh, pc_mesh *layer, bool *covers) {
     pci_scratch scratch = pci_scratch_begin(context);
+    pci_topology edges;
     uint64_t filled = 0;
-    const pc_status status =
-        pci_bare_layer(&scratch, "test", mesh, mesh, 0.0, cell_size, layer, &filled);
+    const pc_status status = pci_topology_build_edges(&scratch, mesh, &edges)
+                                 ? pci_bare_layer(&scratch, "test", mesh, mesh, &edges, cell_size,
+                                                  layer, &filled, covers)
+                                 : pci_fail_memory(context, "test");
     pci_scratch_end(&scratch);
     return status;
 }
 
-static void takes_off_what_is_near(void **state) {
+static void takes_off_what_is_put_on(void **state) {
     (void)state;
     const struct {
         double collar, pouch; // how far they stand out, in voxels
         size_t triangles;     // of what is left
-    } cases[] = {{2.5, 2.5, 1024}, {4.0, 2.5, 1280}, {2.5, 4.0, 0}};
+        bool covers;
+    } cases[] = {{2.5, 2.5, 1024, true}, {4.0, 2.5, 0, false}, {2.5, 4.0, 1024, false}};
     pc_context *context = test_context(2);
     for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); ++i) {
         pc_mesh mesh = belt(context, cases[i].collar * cell_size, cases[i].pouch * cell_size);
         pc_mesh layer = {0};
-        assert_ok(context, bare(context, &mesh, &layer));
+        bool covers = false;
+        assert_ok(context, bare(context, &mesh, &layer, &covers));
         assert_int_equal(layer.triangle_count, cases[i].triangles);
+        assert_int_equal(covers, cases[i].covers);
         pc_mesh_free(context, &layer);
         pc_mesh_free(context, &mesh);
     }
-    // With nothing on it, it is not asked for.
-    pc_mesh tube = test_tube(context, 32, 16, 1.0, 2.0), layer = {0};
-    assert_ok(context, bare(context, &tube, &layer));
-    assert_int_equal(layer.triangle_count, 0);
-    pc_mesh_free(context, &tube);
+    pc_context_destroy(context);
+}
+
+// Nothing is put onto a single tube, a tube that has a ply is not plain, and a ball has no border.
+static void needs_a_plain_part(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    pc_mesh meshes[3] = {test_tube(context, 32, 16, 1.0, 2.0), test_hemmed_tube(context, 0.05),
+                         test_sphere(context, 4)};
+    for (size_t i = 0; i < 3; ++i) {
+        pc_mesh layer = {0};
+        bool covers = true;
+        if (i > 0) {
+            pc_mesh ball = test_sphere(context, 2);
+            sew_move(&ball, 9.0, 0.0, 0.0);
+            sew_add(context, &meshes[i], ball);
+        }
+        assert_ok(context, bare(context, &meshes[i], &layer, &covers));
+        assert_int_equal(layer.triangle_count, 0);
+        assert_false(covers);
+        pc_mesh_free(context, &meshes[i]);
+    }
     pc_context_destroy(context);
 }
 
@@ -61,9 +84,10 @@ static void survives_lack_of_memory(void **state) {
     pc_mesh mesh = belt(context, 0.25, 0.25), layer = {0};
     const size_t live = counter.live;
     size_t failures = 0;
+    bool covers = false;
     for (;; ++failures) {
         fail_allocation(&counter, failures + 1);
-        const pc_status status = bare(context, &mesh, &layer);
+        const pc_status status = bare(context, &mesh, &layer, &covers);
         if (status == PC_OK) {
             break;
         }
@@ -81,7 +105,8 @@ static void survives_lack_of_memory(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(takes_off_what_is_near),
+        cmocka_unit_test(takes_off_what_is_put_on),
+        cmocka_unit_test(needs_a_plain_part),
         cmocka_unit_test(survives_lack_of_memory),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

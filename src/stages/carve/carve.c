@@ -14,6 +14,7 @@
 #include "stages/carve/lining.h"
 #include "stages/carve/loops.h"
 #include "stages/carve/outline.h"
+#include "stages/carve/sides.h"
 #include "stages/carve/straps.h"
 #include "stages/carve/visual_layer.h"
 #include "stages/carve/webs.h"
@@ -72,6 +73,9 @@ static const size_t most_parts = 6;
 static const double loose_voxels = 2.0;
 // Pieces inside closed bodies are left out within so many voxels of what is seen of them.
 static const double hollow_voxels = 3.0;
+// What goes around a belt with its pouches is near to as much of it as that, of what the labels are
+// near to: it leaves out what is behind pouches.
+static const double least_seen = 0.9;
 // Radius of the ball that tells rims from surfaces, in voxels: narrower than openings of note.
 static const double rim_radius = 0.5;
 static const double rim_spacing = 0.25; // in voxels
@@ -94,6 +98,7 @@ typedef struct carve_job {
     const pc_mesh *cloth;      // what of it is cloth
     const pci_topology *edges; // of the cloth
     double thickness;          // of the cloth
+    const pci_rims *rims;      // of the visual mesh, once they are known
     const pc_mesh *projected;  // mesh
     const uint8_t *labels;     // #V of `projected`
     double cell_size;
@@ -102,6 +107,10 @@ typedef struct carve_job {
 
 static pc_status find_shape(pci_scratch *scratch, const pc_mesh *mesh, pci_shape *shape) {
     return pci_find_shape(scratch, mesh, shape) ? PC_OK : pci_fail_memory(scratch->context, stage);
+}
+
+static bool same_openings(const pci_shape *a, const pci_shape *b) {
+    return a->components == b->components && a->boundary_loops == b->boundary_loops;
 }
 
 // What is reported of the layer.
@@ -332,24 +341,20 @@ static pc_status snap(const carve_job *job, const pci_bvh *visual, double cut, p
 }
 
 // The labelled side of the projected mesh, cut along the outline. `labels` are those of the job,
-// and then those of straps with them.
+// and then those of straps with them; NULL: straps are not looked for.
 static pc_status labelled_layer(const carve_job *job, const pci_bvh *visual, uint8_t *labels,
                                 pc_mesh *layer, pc_carve_report *report) {
     pci_scratch *scratch = job->scratch;
     pci_bvh *projected = NULL;
-    pci_rims rims = {0};
     report->source = PC_LAYER_LABELS;
     const struct pci_scratch_block *before = scratch->blocks;
-    pc_status status =
-        pci_keep_straps(scratch, stage, job->projected, job->cell_size, labels, &projected);
+    pc_status status = labels == NULL ? PC_OK
+                                      : pci_keep_straps(scratch, stage, job->projected,
+                                                        job->cell_size, labels, &projected);
     pci_scratch_rewind(scratch, before);
-    if (status == PC_OK) {
-        status = pci_find_rims(scratch, stage, visual, job->cloth, job->edges,
-                               rim_radius * job->cell_size, rim_spacing * job->cell_size, &rims);
-    }
     const struct pci_scratch_block *mark = scratch->blocks;
     if (status == PC_OK) {
-        status = extract(job, visual, &projected, &rims.points, layer, report);
+        status = extract(job, visual, &projected, &job->rims->points, layer, report);
         pci_scratch_rewind(scratch, mark);
     }
     pci_bvh_destroy(scratch->context, projected);
@@ -362,7 +367,7 @@ static pc_status labelled_layer(const carve_job *job, const pci_bvh *visual, uin
     if (status == PC_OK) {
         status = snap(job, visual, 0.0, layer);
     }
-    return status == PC_OK ? cut(job, visual, &rims, layer, report) : status;
+    return status == PC_OK ? cut(job, visual, job->rims, layer, report) : status;
 }
 
 // The labelled triangles of the projected mesh; may be none.
@@ -414,8 +419,7 @@ static pc_status try_tailoring(const carve_job *job, const pci_shape *shape, pc_
     if (status == PC_OK && sewn.triangle_count > 0) {
         status = find_shape(scratch, &sewn, &tailored);
     }
-    const bool alike = tailored.components == shape->components &&
-                       tailored.boundary_loops == shape->boundary_loops;
+    const bool alike = same_openings(&tailored, shape);
     *taken = status == PC_OK && sewn.triangle_count > 0 &&
              (alike || tailored.components < shape->components);
     if (*taken) {
@@ -443,22 +447,61 @@ static bool shall_be_tailored(const carve_job *job, double share, size_t compone
     return parts <= most_parts && (share > most_bridges || components > parts);
 }
 
+// Takes the side of the projected mesh that a part of the cloth tells, if that has its shape.
+static pc_status try_sides(const carve_job *job, const pci_bvh *visual, const pc_mesh *bare,
+                           const pci_shape *wanted, pc_mesh *layer, pc_carve_report *report) {
+    pci_scratch *scratch = job->scratch;
+    pc_mesh sided = {0};
+    pci_shape shape = {0};
+    pc_carve_report other = {0};
+    carve_job amended = *job;
+    uint8_t *labels = PCI_SCRATCH(scratch, uint8_t, job->projected->vertex_count);
+    if (labels == NULL) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    memcpy(labels, job->labels, job->projected->vertex_count);
+    amended.labels = labels;
+    pc_status status =
+        pci_label_sides(scratch, stage, job->projected, bare, job->cell_size, labels);
+    if (status == PC_OK) {
+        status = labelled_layer(&amended, visual, NULL, &sided, &other);
+    }
+    if (status == PC_OK && other.carved_regions > 0) {
+        status = snap(&amended, visual, job->options->carve_distance * job->cell_size, &sided);
+    }
+    if (status == PC_OK) {
+        status = find_shape(scratch, &sided, &shape);
+    }
+    const bool alike = status == PC_OK && same_openings(&shape, wanted);
+    if (alike) {
+        status = measure(&amended, &sided, &shape, &other);
+    }
+    if (alike && status == PC_OK && other.coverage >= least_seen * report->coverage) {
+        pc_mesh_free(scratch->context, layer);
+        *layer = sided;
+        *report = other;
+    } else {
+        pc_mesh_free(scratch->context, &sided);
+    }
+    return status == PC_ERROR_NO_PROXY ? PC_OK : status; // then the layer stays as it is
+}
+
 // Where the labels tear or close what the cloth, without what is put onto it, is not torn or closed
-// at, that cloth is taken.
-static pc_status try_bare(const carve_job *job, const pci_shape *shape, pc_mesh *layer,
-                          pc_carve_report *report) {
+// at, the layer is that cloth, or the side that it tells.
+static pc_status try_bare(const carve_job *job, const pci_bvh *visual, const pci_shape *shape,
+                          pc_mesh *layer, pc_carve_report *report) {
     pc_mesh bare = {0};
     pci_shape other = {0};
     uint64_t filled = 0;
-    pc_status status = pci_bare_layer(job->scratch, stage, job->surface, job->cloth, job->thickness,
-                                      job->cell_size, &bare, &filled);
+    bool covers = false;
+    pc_status status = pci_bare_layer(job->scratch, stage, job->surface, job->cloth, job->edges,
+                                      job->cell_size, &bare, &filled, &covers);
     if (status == PC_OK && bare.triangle_count > 0) {
         status = find_shape(job->scratch, &bare, &other);
     }
-    if (status == PC_OK && bare.triangle_count > 0 &&
-        (other.components < shape->components || (other.components == shape->components &&
-                                                  other.boundary_loops != shape->boundary_loops))) {
-        status = take_visual(job, filled, &bare, layer, report);
+    if (status == PC_OK && bare.triangle_count > 0 && !same_openings(&other, shape)) {
+        status = covers ? take_visual(job, filled, &bare, layer, report)
+                        : try_sides(job, visual, &bare, &other, layer, report);
     }
     pc_mesh_free(job->scratch->context, &bare);
     return status;
@@ -488,7 +531,7 @@ static pc_status bridge_gaps(const carve_job *job, const pci_bvh *visual, pci_sh
         status = measure(job, layer, shape, report);
     }
     return status == PC_OK && job->options->layer_source == PC_LAYER_AUTO
-               ? try_bare(job, shape, layer, report)
+               ? try_bare(job, visual, shape, layer, report)
                : status;
 }
 
@@ -507,16 +550,21 @@ static pc_status labelled_or_other(const carve_job *job, uint64_t filled, pc_mes
     }
     memcpy(labels, job->labels, count);
     carve_job amended = *job;
+    pci_rims rims = {0};
     amended.labels = labels;
+    amended.rims = &rims;
     pc_status status = pci_bvh_create(scratch->context, stage, job->cloth, &visual);
+    if (status == PC_OK) {
+        status = pci_find_rims(scratch, stage, visual, job->cloth, job->edges,
+                               rim_radius * job->cell_size, rim_spacing * job->cell_size, &rims);
+    }
     if (status == PC_OK) {
         status = labelled_layer(&amended, visual, labels, layer, report);
     }
     if (status == PC_OK && folded->triangle_count > 0) {
         status = find_shape(scratch, layer, &shape);
         status = status == PC_OK ? find_shape(scratch, folded, &other) : status;
-        better = status == PC_OK && (other.components != shape.components ||
-                                     other.boundary_loops != shape.boundary_loops);
+        better = status == PC_OK && !same_openings(&other, &shape);
     }
     if (status == PC_OK && !better && report->carved_regions > 0) {
         // The cut was made beside the hems.

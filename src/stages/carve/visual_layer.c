@@ -114,15 +114,16 @@ static void find_missed(void *user, size_t begin, size_t end, uint32_t worker) {
     }
 }
 
-// Whether each component has a border: a closed one is a doubled sheet or a solid.
-static bool all_open(pci_scratch *scratch, const pci_topology *topology, const uint32_t *component,
-                     size_t count) {
+// Marks the components that have a border; NULL: out of memory.
+static uint8_t *find_open(pci_scratch *scratch, const pci_topology *topology,
+                          const uint32_t *component, size_t count) {
     uint8_t *open = PCI_SCRATCH(scratch, uint8_t, count);
-    if (open == NULL) {
-        return false;
+    for (size_t e = 0; e < topology->edge_count && open != NULL; ++e) {
+        const size_t first = topology->edge_triangle_offsets[e];
+        open[component[topology->edge_triangles[first]]] |=
+            topology->edge_triangle_offsets[e + 1] - first == 1;
     }
-    pci_mark_open(topology, component, open);
-    return memchr(open, 0, count) == NULL;
+    return open;
 }
 
 // @param doubled  receives the share of the area that sees another sheet, if nothing touches
@@ -180,8 +181,9 @@ static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh 
     }
     edges = edges == NULL ? &built : edges;
     p.component_count = pci_triangle_components(scratch, layer, edges, component);
-    if (!all_open(scratch, edges, component, p.component_count)) {
-        return scratch->failed ? pci_fail_memory(context, stage) : PC_OK;
+    const uint8_t *open = find_open(scratch, edges, component, p.component_count);
+    if (open == NULL || memchr(open, 0, p.component_count) != NULL) { // doubled sheets or solids
+        return open == NULL ? pci_fail_memory(context, stage) : PC_OK;
     }
     pci_bvh *bvh = NULL;
     const pc_status status = pci_bvh_create(context, stage, layer, &bvh);
@@ -339,30 +341,120 @@ pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mes
     return status;
 }
 
+// Finds the open component whose bounding box has the longest diagonal; `count`: all are closed.
+static bool find_longest(pci_scratch *scratch, const pc_mesh *mesh, const pci_topology *edges,
+                         const uint32_t *component, size_t count, size_t *longest) {
+    const uint8_t *open = find_open(scratch, edges, component, count);
+    double *boxes = PCI_SCRATCH(scratch, double, 6 * count), most = 0.0; // high, and low reversed
+    if (scratch->failed) {
+        return false;
+    }
+    for (size_t i = 0; i < 6 * count; ++i) {
+        boxes[i] = -HUGE_VAL;
+    }
+    for (size_t i = 0; i < 9 * mesh->triangle_count; ++i) {
+        const double x = mesh->positions[3 * (size_t)mesh->triangles[i / 3] + i % 3];
+        double *box = &boxes[6 * (size_t)component[i / 9] + i % 3];
+        box[0] = fmax(box[0], x);
+        box[3] = fmax(box[3], -x);
+    }
+    *longest = count;
+    for (size_t i = 0; i < count; ++i) {
+        const double *box = &boxes[6 * i];
+        const double size[3] = {box[0] + box[3], box[1] + box[4], box[2] + box[5]};
+        if (open[i] && pci_norm(size) > most) {
+            most = pci_norm(size);
+            *longest = i;
+        }
+    }
+    return true;
+}
+
+// Whether at least half of each component of `cloth` is near to a part of it.
+static pc_status find_worn(pci_scratch *scratch, const char *stage, const pc_mesh *cloth,
+                           const uint32_t *component, size_t count, const pc_mesh *part,
+                           double reach, bool *worn) {
+    pci_bvh *bvh = NULL;
+    uint8_t *missed = PCI_SCRATCH(scratch, uint8_t, cloth->vertex_count);
+    size_t *near = PCI_SCRATCH(scratch, size_t, 2 * count);
+    if (scratch->failed) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    const pc_status status = pci_bvh_create(scratch->context, stage, part, &bvh);
+    if (status != PC_OK) {
+        return status;
+    }
+    cover_job cover = {bvh, cloth, reach, missed};
+    const bool done = pci_parallel_while_wanted(scratch->context, cloth->vertex_count, grain,
+                                                find_missed, &cover);
+    pci_bvh_destroy(scratch->context, bvh);
+    for (size_t i = 0; i < 3 * cloth->triangle_count; ++i) {
+        ++near[2 * (size_t)component[i / 3] + missed[cloth->triangles[i]]];
+    }
+    *worn = true;
+    for (size_t i = 0; i < count; ++i) {
+        *worn = *worn && near[2 * i] >= near[2 * i + 1];
+    }
+    return done ? PC_OK : pci_fail_memory(scratch->context, stage);
+}
+
+// The longest open part of several, if the others are put onto it, with small holes filled; else
+// empty.
+static pc_status begin_bare(pci_scratch *scratch, const char *stage, const pc_mesh *cloth,
+                            const pci_topology *edges, double cell_size, pc_mesh *layer,
+                            uint64_t *filled_loops) {
+    pc_mesh bare = {0};
+    pci_topology own;
+    size_t longest = 0;
+    bool worn = false;
+    uint32_t *component = PCI_SCRATCH(scratch, uint32_t, cloth->triangle_count);
+    uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, cloth->triangle_count);
+    if (scratch->failed) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    const size_t count = pci_triangle_components(scratch, cloth, edges, component);
+    if (!find_longest(scratch, cloth, edges, component, count, &longest)) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    if (count < 2 || longest == count) {
+        return PC_OK;
+    }
+    for (size_t t = 0; t < cloth->triangle_count; ++t) {
+        keep[t] = component[t] == longest;
+    }
+    pc_status status = pci_mesh_compact(scratch, cloth, keep, &bare, NULL)
+                           ? find_worn(scratch, stage, cloth, component, count, &bare,
+                                       attached_voxels * cell_size, &worn)
+                           : pci_fail_memory(scratch->context, stage);
+    if (status == PC_OK && worn) {
+        status = pci_topology_build_edges(scratch, &bare, &own)
+                     ? begin_layer(scratch, stage, &bare, &own, cell_size, layer, filled_loops)
+                     : pci_fail_memory(scratch->context, stage);
+    }
+    pc_mesh_free(scratch->context, &bare);
+    return status;
+}
+
 pc_status pci_bare_layer(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
-                         const pc_mesh *cloth, double thickness, double cell_size, pc_mesh *layer,
-                         uint64_t *filled_loops) {
+                         const pc_mesh *cloth, const pci_topology *edges, double cell_size,
+                         pc_mesh *layer, uint64_t *filled_loops, bool *covers) {
     const struct pci_scratch_block *mark = scratch->blocks;
     const double reach = attached_voxels * cell_size;
     pci_layering layering = PCI_LAYERED;
-    pci_topology edges;
-    pc_mesh bare = {0};
     double doubled = 0.0;
     uint32_t *seen = NULL;
-    pc_status status = pci_mesh_compact(scratch, cloth, NULL, &bare, NULL)
-                           ? pci_drop_hidden(scratch, stage, reach, &bare)
-                           : pci_fail_memory(scratch->context, stage);
-    if (status == PC_OK && bare.triangle_count < cloth->triangle_count) {
-        status = pci_topology_build_edges(scratch, &bare, &edges)
-                     ? begin_layer(scratch, stage, &bare, &edges, cell_size, layer, filled_loops)
-                     : pci_fail_memory(scratch->context, stage);
-    }
+    pc_status status = begin_bare(scratch, stage, cloth, edges, cell_size, layer, filled_loops);
+    *covers = false;
     if (status == PC_OK && layer->triangle_count > 0) {
-        status = measure(scratch, stage, surface, layer, NULL, thickness, cell_size, reach, 1.0,
+        status = measure(scratch, stage, surface, layer, NULL, 0.0, cell_size, reach, 1.0,
+                         &layering, &doubled, &seen);
+        *covers = layering == PCI_PLAIN;
+    }
+    if (status == PC_OK && layer->triangle_count > 0 && !*covers) {
+        status = measure(scratch, stage, surface, layer, NULL, 0.0, cell_size, reach, 0.0,
                          &layering, &doubled, &seen);
     }
     pci_scratch_rewind(scratch, mark);
-    pc_mesh_free(scratch->context, &bare);
     if (status != PC_OK || layering != PCI_PLAIN) {
         pc_mesh_free(scratch->context, layer);
     }

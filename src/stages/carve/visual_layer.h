@@ -45,11 +45,13 @@ PC_NODISCARD pc_status pci_tailored_layer(pci_scratch *scratch, const char *stag
 PC_NODISCARD pc_status pci_face_like(pci_scratch *scratch, const char *stage,
                                      const pc_mesh *reference, bool against, pc_mesh *layer);
 
-// The cloth without what is put onto it, as pouches on a belt or a collar on a coat, if that is
-// plain and all of `surface` within three voxels of it; else `layer` stays empty.
+// Of several parts the one that reaches farthest of those that have a border, if others are put
+// onto it, as pouches on a belt or a collar on a coat: at least half of each is within three voxels
+// of it. `covers` tells whether all of `surface` is. `layer` stays empty where there is no such
+// part, or it is not plain. PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
 PC_NODISCARD pc_status pci_bare_layer(pci_scratch *scratch, const char *stage,
                                       const pc_mesh *surface, const pc_mesh *cloth,
-                                      double thickness, double cell_size, pc_mesh *layer,
-                                      uint64_t *filled_loops);
+                                      const pci_topology *edges, double cell_size, pc_mesh *layer,
+                                      uint64_t *filled_loops, bool *covers);
 
 #endif

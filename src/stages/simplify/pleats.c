@@ -8,9 +8,9 @@ static const double rough = 1e-2, fine = 1e-4; // tolerances
 // Mean cosine between normals and what is their mean around them. A surface of more stands in no
 // pleats worth a change of shape; parts of it between the other two are flattened less.
 static const double pleated_cosine = 0.7, flat_cosine = 0.9, lost_cosine = 0.75;
-// Normals cancel out around a sleeve: their mean is 1 / (1 + (2 pi / n)^2) long where that is n
-// coming edges around, here a little more than three, and three and a half. Thinner ones stay.
-static const double sleeve_length = 0.2, wide_length = 0.25;
+// Pleats bend to both sides by turns, so that their curvature cancels out; that of sleeves and
+// shoulders, of which more than this share is left, does not.
+static const double waved_share = 0.5, round_share = 0.75;
 // Waves shorter than about four times this many edges go.
 static const double width_share = 0.5;
 
@@ -122,10 +122,9 @@ static double mean_squared_length(const pc_mesh *mesh, const pci_topology *topol
     return topology->edge_count > 0 ? sum / (double)topology->edge_count : 0.0;
 }
 
-// How well the normals agree with their mean around them, again as a mean: `cosines`, #V, and how
-// long that mean is: `lengths`, #V.
+// How well the normals agree with their mean around them: `cosines`, #V.
 static bool find_cosines(pci_scratch *scratch, smoothing *s, const double *normals, double *cosines,
-                         double *lengths, double *work) {
+                         double *work) {
     double *means = PCI_SCRATCH(scratch, double, 3 * s->count);
     if (means == NULL) {
         return false;
@@ -135,10 +134,35 @@ static bool find_cosines(pci_scratch *scratch, smoothing *s, const double *norma
         return false;
     }
     for (size_t v = 0; v < s->count; ++v) {
-        lengths[v] = pci_norm(&means[3 * v]);
         cosines[v] = pci_normalize(&means[3 * v]) ? pci_dot(&means[3 * v], &normals[3 * v]) : 1.0;
     }
-    return solve(s, 1, average, rough, cosines, work);
+    return true;
+}
+
+// How much of the curvature around each vertex is to one side: `shares`, #V, 0 in waves and 1 where
+// the surface is round.
+static bool find_round(pci_scratch *scratch, smoothing *s, const pc_mesh *mesh,
+                       const double *normals, double *shares, double *work) {
+    double *bends = PCI_SCRATCH(scratch, double, s->count);
+    if (bends == NULL) {
+        return false;
+    }
+    for (size_t v = 0; v < s->count; ++v) {
+        double out[3];
+        laplacian(s, 3, mesh->positions, v, out);
+        shares[v] = pci_dot(out, &normals[3 * v]);
+        bends[v] = fabs(shares[v]);
+    }
+    for (size_t i = 0; i < 2; ++i) {
+        if (!solve(s, 1, average, rough, shares, work) ||
+            !solve(s, 1, average, rough, bends, work)) {
+            return false;
+        }
+    }
+    for (size_t v = 0; v < s->count; ++v) {
+        shares[v] = bends[v] > 0.0 ? fabs(shares[v]) / bends[v] : 1.0;
+    }
+    return true;
 }
 
 // 0 up to `none`, 1 from `all` on.
@@ -146,16 +170,25 @@ static double ramp(double x, double none, double all) {
     return fmin(fmax((x - none) / (all - none), 0.0), 1.0);
 }
 
+static double mean(const double *values, size_t count) {
+    double sum = 0.0;
+    for (size_t i = 0; i < count; ++i) {
+        sum += values[i];
+    }
+    return sum / (double)count;
+}
+
 static bool run(pci_scratch *scratch, double spacing, pc_mesh *mesh, double *normals) {
     pci_topology topology;
     const size_t n = mesh->vertex_count;
     double *work = PCI_SCRATCH(scratch, double, 9 * n);
     double *strengths = PCI_SCRATCH(scratch, double, n);
-    double *lengths = PCI_SCRATCH(scratch, double, n);
+    double *rounds = PCI_SCRATCH(scratch, double, n);
     smoothing s = {.context = scratch->context,
                    .topology = &topology,
                    .count = n,
-                   .square = spacing * spacing};
+                   .square = spacing * spacing,
+                   .strengths = strengths};
     s.once = PCI_SCRATCH(scratch, double, 3 * n);
     if (scratch->failed || !pci_topology_build(scratch, mesh, &topology)) {
         return false;
@@ -165,24 +198,28 @@ static bool run(pci_scratch *scratch, double spacing, pc_mesh *mesh, double *nor
         return true;
     }
     s.scale = 1.0 / (1.5 * square);
-    s.strengths = strengths;
-    if (!find_cosines(scratch, &s, normals, strengths, lengths, work)) {
-        return false;
+    // Deep folds still stand in pleats when they have been flattened once.
+    for (size_t pass = 0; pass < 2; ++pass) {
+        if (!find_cosines(scratch, &s, normals, strengths, work)) {
+            return false;
+        }
+        if (pass == 0 && mean(strengths, n) > pleated_cosine) {
+            return true;
+        }
+        if ((pass == 0 && !find_round(scratch, &s, mesh, normals, rounds, work)) ||
+            !solve(&s, 1, average, rough, strengths, work)) {
+            return false;
+        }
+        for (size_t v = 0; v < n; ++v) {
+            const double share = ramp(strengths[v], flat_cosine, lost_cosine) *
+                                 ramp(rounds[v], round_share, waved_share);
+            strengths[v] = pow(width_share * spacing * share, 4.0);
+        }
+        if (!solve(&s, 3, flatten, fine, mesh->positions, work)) {
+            return false;
+        }
+        pci_vertex_normals(mesh, normals);
     }
-    double sum = 0.0;
-    for (size_t v = 0; v < n; ++v) {
-        sum += strengths[v]; // still the cosines
-        const double share = ramp(strengths[v], flat_cosine, lost_cosine) *
-                             ramp(lengths[v], sleeve_length, wide_length);
-        strengths[v] = pow(width_share * spacing * share, 4.0);
-    }
-    if (sum > pleated_cosine * (double)n) {
-        return true;
-    }
-    if (!solve(&s, 3, flatten, fine, mesh->positions, work)) {
-        return false;
-    }
-    pci_vertex_normals(mesh, normals);
     return true;
 }
 

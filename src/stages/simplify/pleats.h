@@ -7,8 +7,8 @@
 
 // Where most of a surface stands in pleats narrower than edges of length `spacing` can follow, it
 // becomes the sheet amid them; else nothing changes. Pleats are told by their normals, which lean
-// away from the mean around them; those of a tube do not, however thin it is, and where it is
-// wrinkled their mean is short. Minimises
+// away from the mean around them, and by bends to both sides; a sleeve or a shoulder bends to one.
+// Twice, with strengths of its own each time, minimises
 // |x - x0|^2 + |width^2 Laplacian x|^2 with free borders, `width` half of `spacing` in pleats and 0
 // elsewhere. The edges should be roughly even.
 // @param mesh     positions change

@@ -166,14 +166,15 @@ static uint8_t *kept_triangles(const carve_job *job) {
     return keep;
 }
 
-// The triangles whose labels say so, as a manifold without small parts and short holes.
+// The triangles whose labels say so, as a manifold without short holes.
 // @param projected  tree of that mesh, built here if it is needed and was not before
-static pc_status extract(const carve_job *job, const pci_bvh *visual, pci_bvh **projected,
-                         const pci_knn *rims, pc_mesh *layer, pc_carve_report *report) {
+static pc_status extract(const carve_job *job, pci_bvh **projected, pc_mesh *layer,
+                         pc_carve_report *report) {
     pci_scratch *scratch = job->scratch;
     pc_context *context = scratch->context;
     uint8_t *keep = kept_triangles(job);
-    if (keep == NULL || !pci_keep_dents(scratch, job->projected, rims, job->cell_size, keep)) {
+    if (keep == NULL ||
+        !pci_keep_dents(scratch, job->projected, &job->rims->points, job->cell_size, keep)) {
         return pci_fail_memory(context, stage);
     }
     pc_status status =
@@ -182,11 +183,6 @@ static pc_status extract(const carve_job *job, const pci_bvh *visual, pci_bvh **
     if (status == PC_OK && !pci_mesh_repair(scratch, job->projected, keep, layer, &counts)) {
         status = pci_fail_memory(context, stage);
     }
-    if (status != PC_OK) {
-        return status;
-    }
-    status = pci_drop_crumbs(scratch, stage, job->cloth, visual, job->options->smallest_part,
-                             loose_voxels * job->cell_size, layer, &report->dropped_parts);
     if (status != PC_OK) {
         return status;
     }
@@ -354,7 +350,7 @@ static pc_status labelled_layer(const carve_job *job, const pci_bvh *visual, uin
     pci_scratch_rewind(scratch, before);
     const struct pci_scratch_block *mark = scratch->blocks;
     if (status == PC_OK) {
-        status = extract(job, visual, &projected, &job->rims->points, layer, report);
+        status = extract(job, &projected, layer, report);
         pci_scratch_rewind(scratch, mark);
     }
     pci_bvh_destroy(scratch->context, projected);

@@ -140,14 +140,15 @@ static bool alternate(pci_scratch *scratch, const pc_asset *asset, const pci_ski
                         .weights = skin->weights,
                         .spatial_share = 1.0,
                         .follow_share = 1.0};
-    const bool good = pc_skin_closest_triangle(scratch->context, fit.surface, fit.proxy,
-                                               &fit.followed) == PC_OK &&
-                      pci_skin_gram_build(scratch, problem, kernel, fit.proxy, 0.0, &gram) &&
-                      pci_skin_start_from_coarse(&fit, &gram, &left) == PC_OK &&
-                      pci_skin_alternation_build(scratch, problem, kernel, &gram, &alternation) &&
-                      pci_skin_alternation_weigh(scratch, &alternation, lambda, 0.0) &&
-                      pci_skin_alternation_run(&alternation, options.rounds, options.round_gain,
-                                               false, 0.0, 1.0, skin->weights) == PC_OK;
+    const bool good =
+        pc_skin_closest_triangle(scratch->context, fit.surface, fit.proxy, &fit.followed) ==
+            PC_OK &&
+        pci_skin_gram_build(scratch, problem, kernel, fit.proxy, 0.0, PCI_SKIN_DENSE_MOST, &gram) &&
+        pci_skin_start_from_coarse(&fit, &gram, &left) == PC_OK &&
+        pci_skin_alternation_build(scratch, problem, kernel, &gram, &alternation) &&
+        pci_skin_alternation_weigh(scratch, &alternation, lambda, 0.0) &&
+        pci_skin_alternation_run(&alternation, options.rounds, options.round_gain, false, 0.0, 1.0,
+                                 skin->weights) == PC_OK;
     *rounds = alternation.rounds;
     pc_skin_free(scratch->context, &fit.followed);
     return good;

@@ -19,8 +19,8 @@ typedef struct solver {
     pci_skin_alternation a;
 } solver;
 
-static void open_noisy(const char *name, uint32_t frames, uint32_t threads, double follow,
-                       bool turned, double noise, solver *s) {
+static void open_any(const char *name, uint32_t frames, uint32_t threads, double follow,
+                     bool turned, double noise, size_t dense_most, solver *s) {
     load_fixture(name, threads, &s->f);
     memset(&s->motion, 0, sizeof(s->motion));
     memset(&s->followed, 0, sizeof(s->followed));
@@ -34,13 +34,18 @@ static void open_noisy(const char *name, uint32_t frames, uint32_t threads, doub
         s->f.problem.rotations = s->f.rotations;
     }
     const pci_skin_kernel *kernel = pci_skin_kernel_double();
-    assert_true(
-        pci_skin_gram_build(&s->f.scratch, &s->f.problem, kernel, &s->f.proxy, noise, &s->gram));
+    assert_true(pci_skin_gram_build(&s->f.scratch, &s->f.problem, kernel, &s->f.proxy, noise,
+                                    dense_most, &s->gram));
     assert_true(pci_skin_alternation_build(&s->f.scratch, &s->f.problem, kernel, &s->gram, &s->a));
     assert_ok(s->f.context,
               pc_skin_closest_triangle(s->f.context, &s->f.visual, &s->f.proxy, &s->followed));
     pci_skin_alternation_follow(&s->a, &s->f.proxy, &s->followed);
     assert_true(pci_skin_alternation_weigh(&s->f.scratch, &s->a, lambda_all, follow));
+}
+
+static void open_noisy(const char *name, uint32_t frames, uint32_t threads, double follow,
+                       bool turned, double noise, solver *s) {
+    open_any(name, frames, threads, follow, turned, noise, PCI_SKIN_DENSE_MOST, s);
 }
 
 static void open_solver(const char *name, uint32_t frames, uint32_t threads, double follow,
@@ -188,6 +193,73 @@ static void the_gram_matrix_is_that_of_the_displacements(void **state) {
         }
         free(means);
         close_solver(&s);
+    }
+}
+
+// Without a matrix the same numbers come from what is kept of it: the weights and the losses are
+// the same but for rounding.
+static void pairs_do_for_the_matrix(void **state) {
+    (void)state;
+    for (size_t turned = 0; turned < 2; ++turned) {
+        solver s[2];
+        double *weights[2];
+        pci_skin_measures measures[2];
+        for (size_t i = 0; i < 2; ++i) {
+            open_any("dress796", 48, 1, 0.7, turned == 1, 0.2, i == 0 ? PCI_SKIN_DENSE_MOST : 0,
+                     &s[i]);
+            assert_true((s[i].gram.matrix == NULL) == (i == 1));
+            weights[i] = calloc(s[i].f.count, sizeof(double));
+            memcpy(weights[i], s[i].f.weights, s[i].f.count * sizeof(double));
+            assert_ok(s[i].f.context,
+                      pci_skin_alternation_run(&s[i].a, 6, 0.0, false, 0.0, 1.0, weights[i]));
+            measures[i] = (pci_skin_measures){0};
+            assert_ok(s[i].f.context, pci_skin_alternation_measure(&s[i].a, PCI_SKIN_ALL,
+                                                                   weights[i], &measures[i]));
+        }
+        assert_close(s[1].gram.noise, s[0].gram.noise, 1e-9 * s[0].gram.noise);
+        for (size_t x = 0; x < 3; ++x) {
+            const double loss = measures[0].losses[x];
+            assert_close(measures[1].losses[x], loss, 1e-6 * loss);
+        }
+        for (size_t k = 0; k < s[0].f.count; ++k) {
+            assert_close(weights[1][k], weights[0][k], 1e-4);
+        }
+        free(weights[0]);
+        free(weights[1]);
+        close_solver(&s[0]);
+        close_solver(&s[1]);
+    }
+}
+
+// What pairs hold is the matrix.
+static void pairs_are_entries_of_the_matrix(void **state) {
+    (void)state;
+    for (size_t turned = 0; turned < 2; ++turned) {
+        solver s;
+        open_any("tiny", 48, 1, 0.7, turned == 1, 0.2, PCI_SKIN_DENSE_MOST, &s);
+        solver t;
+        open_any("tiny", 48, 1, 0.7, turned == 1, 0.2, 0, &t);
+        for (size_t level = 0; level < PCI_SKIN_LEVELS; ++level) {
+            pci_skin_gram_use(&s.gram, (pci_skin_level)level, NULL);
+            pci_skin_gram_use(&t.gram, (pci_skin_level)level, &t.a.pairs);
+            const size_t columns = s.a.frames.data.columns,
+                         side = s.f.problem.proxy_count * columns;
+            const pci_skin_pairs *pairs = &t.a.pairs;
+            assert_true(pairs->offsets[s.f.problem.proxy_count] > s.f.problem.proxy_count);
+            for (size_t b = 0; b < s.f.problem.proxy_count; ++b) {
+                const double scale = fabs(s.gram.matrix[b * columns * (side + 1)]);
+                for (size_t e = pairs->offsets[b]; e < pairs->offsets[b + 1]; ++e) {
+                    for (size_t k = 0; k < columns * columns; ++k) {
+                        const size_t row = b * columns + k / columns;
+                        const size_t column_at = pairs->others[e] * columns + k % columns;
+                        assert_close(pairs->values[e * columns * columns + k],
+                                     s.gram.matrix[row * side + column_at], 1e-9 * (scale + 1.0));
+                    }
+                }
+            }
+        }
+        close_solver(&s);
+        close_solver(&t);
     }
 }
 
@@ -774,6 +846,8 @@ int main(void) {
         cmocka_unit_test(the_matrix_is_that_of_the_losses),
         cmocka_unit_test(groups_of_one_colour_share_nothing),
         cmocka_unit_test(the_gram_matrix_is_that_of_the_displacements),
+        cmocka_unit_test(pairs_do_for_the_matrix),
+        cmocka_unit_test(pairs_are_entries_of_the_matrix),
         cmocka_unit_test(noise_is_a_share_of_what_parts_neighbours),
         cmocka_unit_test(noise_pulls_as_its_energy_says),
         {"noise_pulls_as_its_energy_says, turned", noise_pulls_as_its_energy_says, NULL, NULL,

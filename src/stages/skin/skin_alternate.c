@@ -71,8 +71,11 @@ multiply_gram(const pci_skin_alternation *a, size_t v, uint32_t bone, size_t cou
     const double *point = &a->frames.points[pci_skin_point_at(v, columns)];
     double sum = 0.0;
     for (size_t l = 0; l < count; ++l) {
-        sum += weights[l] * pci_skin_gram_product(a->gram->matrix, a->frames.problem->proxy_count,
-                                                  columns, bone, bones[l], point, point);
+        sum += weights[l] *
+               (a->gram->matrix != NULL
+                    ? pci_skin_gram_product(a->gram->matrix, a->frames.problem->proxy_count,
+                                            columns, bone, bones[l], point, point)
+                    : pci_skin_pairs_product(&a->pairs, columns, bone, bones[l], point, point));
     }
     return sum;
 }
@@ -181,7 +184,7 @@ static void use_level(pci_skin_alternation *a, pci_skin_level level) {
     }
     if (a->level != level) {
         a->level = level;
-        pci_skin_gram_use(a->gram, level);
+        pci_skin_gram_use(a->gram, level, a->gram->matrix == NULL ? &a->pairs : NULL);
         pci_skin_quadratic_use(&a->quadratic, a->frames.problem->slots);
         if (a->followed != NULL) {
             row_job job = {.a = a};
@@ -290,9 +293,14 @@ bool pci_skin_alternation_weigh(pci_scratch *scratch, pci_skin_alternation *a,
     // Only now: problems that are measured first, and solved after smaller ones, need none of it.
     a->moved = PCI_SCRATCH(scratch, float, p->vertex_count * p->slots);
     a->constants = PCI_SCRATCH(scratch, float, p->vertex_count * p->slots);
-    return !scratch->failed && pci_skin_frames_make_room(scratch, w) &&
-           pci_skin_quadratic_build(scratch, p, w->kernel, w->points, a->scale, a->follow,
-                                    a->gram->matrix, a->allowed, &a->quadratic);
+    if (scratch->failed || !pci_skin_frames_make_room(scratch, w) ||
+        !pci_skin_quadratic_build(scratch, p, w->kernel, w->points, a->scale, a->follow,
+                                  a->gram->matrix, a->allowed, &a->quadratic)) {
+        return false;
+    }
+    a->quadratic.pairs = &a->pairs;
+    return a->gram->matrix != NULL ||
+           pci_skin_pairs_build(scratch, &a->quadratic, a->followed, &a->pairs);
 }
 
 static pc_status run_rounds(pci_skin_alternation *a, pci_skin_secants *secants, uint32_t rounds,

@@ -18,6 +18,7 @@ typedef struct pci_skin_alternation {
     pci_skin_frames frames;
     pci_skin_quadratic quadratic;
     pci_skin_gram *gram;         // the caller's
+    pci_skin_pairs pairs;        // where that has no matrix
     pci_skin_level level;        // that the quadratic and the constants are for
     double scale[4];             // of the losses
     uint32_t *allowed;           // #V, see pci_skin_quadratic

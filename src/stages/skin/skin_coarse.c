@@ -245,8 +245,8 @@ fulfil(const prolong_job *job, const size_t columns, size_t v, const tally *w, d
     for (size_t k = 0; k < slots; ++k) {
         gradient[k] = 0.0;
         for (size_t l = 0; l < w->count; ++l) {
-            const double product = pci_skin_gram_product(job->gram->matrix, p->proxy_count, columns,
-                                                         bones[k], w->keys[l], point, point);
+            const double product =
+                pci_skin_gram_sample(job->gram, columns, bones[k], w->keys[l], point, point);
             gradient[k] += left[l] * product;
             if (l < slots) {
                 a[k * slots + l] = product;

@@ -507,7 +507,7 @@ pc_status pci_skin_fit_alternate(pci_skin_fit *f, pc_skin_report *r) {
     pci_skin_alternation a;
     pci_scratch scratch = pci_scratch_begin(f->context);
     pc_status status = pci_skin_gram_build(&scratch, &f->problem, pci_skin_kernel_float(), f->proxy,
-                                           f->options->motion_noise, &gram)
+                                           f->options->motion_noise, PCI_SKIN_DENSE_MOST, &gram)
                            ? measure_guess(&scratch, f, &gram, &a, r)
                            : pci_fail_memory(f->context, stage);
     if (status == PC_OK) {

@@ -1,6 +1,7 @@
 #include "stages/skin/skin_gram.h"
 
 enum { SAMPLE_BLOCKS = PCI_SKIN_LOADED, FRAMES_AT_ONCE = 4 };
+enum { TABLE_FRAMES = SAMPLE_BLOCKS * PCI_BLOCK, TABLE_ROWS = 3 * TABLE_FRAMES };
 
 typedef struct gram_job {
     const double *rows; // #rows by size
@@ -64,20 +65,24 @@ static double deformation(const pci_skin_gram *gram) {
             points[c / 3][1 + c % 3] = w->unit * (place - w->origin[c % 3]);
         }
         for (size_t c = 0; c < 4; ++c) {
-            const double product =
-                pci_skin_gram_product(gram->matrix, p->proxy_count, w->data.columns, bones[c / 2],
-                                      bones[c % 2], points[c / 2], points[c % 2]);
+            const double product = pci_skin_gram_sample(gram, w->data.columns, bones[c / 2],
+                                                        bones[c % 2], points[c / 2], points[c % 2]);
             sum += c / 2 == c % 2 ? product : -product;
         }
     }
     return edges > 0 && sum > 0.0 ? sum / (double)edges : 0.0;
 }
 
+static void find_noise(pci_skin_gram *gram) {
+    gram->noise = 0.0;
+    gram->noise = gram->noise_share > 0.0 ? gram->noise_share * deformation(gram) : 0.0;
+}
+
 // Adds the noise: each bone shifts by as much as a share of how far neighbours move apart.
 static void add_noise(pci_skin_gram *gram) {
     const size_t columns = gram->driver.data.columns;
     const size_t size = gram->driver.problem->proxy_count * columns;
-    gram->noise = gram->noise_share > 0.0 ? gram->noise_share * deformation(gram) : 0.0;
+    find_noise(gram);
     for (size_t b = 0; b < size; b += columns) {
         gram->matrix[b * size + b] += gram->noise;
     }
@@ -96,7 +101,7 @@ static void add_frames(pci_skin_gram *gram, const uint32_t frames[FRAMES_AT_ONCE
     pci_parallel_for(w->context, size, 16, add_products, &job);
 }
 
-void pci_skin_gram_use(pci_skin_gram *gram, pci_skin_level level) {
+static void use_matrix(pci_skin_gram *gram, pci_skin_level level) {
     const pci_skin_frames *w = &gram->driver;
     const size_t size = w->problem->proxy_count * w->data.columns;
     const double factor = gram->levels[level].factor;
@@ -119,6 +124,119 @@ void pci_skin_gram_use(pci_skin_gram *gram, pci_skin_level level) {
     add_noise(gram);
 }
 
+// ---- without a matrix ---------------------------------------------------------------------------
+
+// Sum of products of two rows of the table.
+static double multiply_rows(const double *a, const double *b) {
+    double sums[4] = {0.0};
+    for (size_t t = 0; t < TABLE_ROWS; t += 4) {
+        for (size_t i = 0; i < 4; ++i) {
+            sums[i] += a[t + i] * b[t + i];
+        }
+    }
+    return (sums[0] + sums[1]) + (sums[2] + sums[3]);
+}
+
+// Takes some blocks into the table, 0 in place of what is behind the last.
+static void fill_table(pci_skin_gram *gram, size_t block, size_t stride) {
+    const pci_skin_frames *w = &gram->driver;
+    const size_t size = w->problem->proxy_count * w->data.columns;
+    for (size_t i = 0; i < TABLE_FRAMES; ++i) {
+        const size_t from = block + i / PCI_BLOCK * stride;
+        const uint32_t frame =
+            from < w->block_count ? w->frames[PCI_BLOCK * from + i % PCI_BLOCK] : PC_INVALID_INDEX;
+        if (frame != PC_INVALID_INDEX) {
+            fill_rows(w, frame, gram->rows);
+        }
+        for (size_t c = 0; c < 3; ++c) {
+            for (size_t b = 0; b < size; ++b) {
+                gram->table[b * TABLE_ROWS + 3 * i + c] =
+                    frame != PC_INVALID_INDEX ? gram->rows[c * size + b] : 0.0;
+            }
+        }
+    }
+}
+
+typedef struct pair_job {
+    const pci_skin_gram *gram;
+    pci_skin_pairs *pairs;
+} pair_job;
+
+static void add_pairs(void *user, size_t begin, size_t end, uint32_t worker) {
+    (void)worker;
+    const pair_job *job = user;
+    const pci_skin_pairs *pairs = job->pairs;
+    const size_t width = job->gram->driver.data.columns;
+    const double factor = job->gram->levels[job->gram->level].factor, *table = job->gram->table;
+    for (size_t b = begin; b < end; ++b) {
+        for (size_t e = pairs->offsets[b]; e < pairs->offsets[b + 1]; ++e) {
+            for (size_t k = 0; k < width * width; ++k) {
+                const size_t row = b * width + k / width;
+                const size_t column = pairs->others[e] * width + k % width;
+                pairs->values[e * width * width + k] +=
+                    factor * multiply_rows(&table[row * TABLE_ROWS], &table[column * TABLE_ROWS]);
+            }
+        }
+    }
+}
+
+static void add_pair_noise(const pci_skin_gram *gram, pci_skin_pairs *pairs) {
+    const size_t width = gram->driver.data.columns;
+    for (size_t b = 0; b < gram->driver.problem->proxy_count; ++b) {
+        for (size_t e = pairs->offsets[b]; e < pairs->offsets[b + 1]; ++e) {
+            pairs->values[e * width * width] += pairs->others[e] == b ? gram->noise : 0.0;
+        }
+    }
+}
+
+static void use_pairs(pci_skin_gram *gram, pci_skin_level level, pci_skin_pairs *pairs) {
+    const pci_skin_frames *w = &gram->driver;
+    const size_t width = w->data.columns, proxy_count = w->problem->proxy_count;
+    const size_t stride = gram->levels[level].stride;
+    double noise = 0.0;
+    gram->level = level;
+    if (pairs != NULL) {
+        memset(pairs->values, 0,
+               pairs->offsets[proxy_count] * width * width * sizeof(*pairs->values));
+    }
+    for (size_t block = 0; block < w->block_count; block += SAMPLE_BLOCKS * stride) {
+        pair_job job = {.gram = gram, .pairs = pairs};
+        fill_table(gram, block, stride);
+        find_noise(gram);
+        noise += gram->noise;
+        if (pairs != NULL) {
+            pci_parallel_for(w->context, proxy_count, 64, add_pairs, &job);
+        }
+    }
+    gram->noise = noise;
+    if (pairs != NULL) {
+        add_pair_noise(gram, pairs);
+    }
+}
+
+double pci_skin_gram_sample(const pci_skin_gram *gram, size_t columns, size_t b, size_t c,
+                            const double *x, const double *y) {
+    if (gram->matrix != NULL) {
+        return pci_skin_gram_product(gram->matrix, gram->driver.problem->proxy_count, columns, b, c,
+                                     x, y);
+    }
+    double sum = b == c ? gram->noise * x[0] * y[0] : 0.0;
+    for (size_t k = 0; k < columns * columns; ++k) {
+        const size_t row = b * columns + k / columns, column = c * columns + k % columns;
+        sum += gram->levels[gram->level].factor * x[k / columns] * y[k % columns] *
+               multiply_rows(&gram->table[row * TABLE_ROWS], &gram->table[column * TABLE_ROWS]);
+    }
+    return sum;
+}
+
+void pci_skin_gram_use(pci_skin_gram *gram, pci_skin_level level, pci_skin_pairs *pairs) {
+    if (gram->matrix != NULL) {
+        use_matrix(gram, level);
+    } else if (gram->level != level || pairs != NULL) {
+        use_pairs(gram, level, pairs);
+    }
+}
+
 // `stride`: from one block to the next that is looked at.
 static pci_skin_frame_level describe_level(const pci_skin_frames *w, size_t stride) {
     size_t count = 0;
@@ -131,13 +249,17 @@ static pci_skin_frame_level describe_level(const pci_skin_frames *w, size_t stri
 
 bool pci_skin_gram_build(pci_scratch *scratch, const pci_skin_problem *problem,
                          const pci_skin_kernel *kernel, const pc_mesh *proxy, double noise,
-                         pci_skin_gram *gram) {
+                         size_t dense_most, pci_skin_gram *gram) {
     memset(gram, 0, sizeof(*gram));
     pci_skin_frames *w = &gram->driver;
     pci_skin_frames_begin(scratch->context, problem, kernel, w);
     const size_t size = problem->proxy_count * w->data.columns;
     w->frames = pci_skin_frames_in_sequence(scratch, problem, &w->block_count);
-    gram->matrix = PCI_SCRATCH(scratch, double, size *size);
+    if (size <= dense_most) {
+        gram->matrix = PCI_SCRATCH(scratch, double, size *size);
+    } else {
+        gram->table = PCI_SCRATCH(scratch, double, size *TABLE_ROWS);
+    }
     gram->rows = PCI_SCRATCH(scratch, double, 3 * FRAMES_AT_ONCE * size);
     if (scratch->failed) {
         return false;
@@ -148,6 +270,6 @@ bool pci_skin_gram_build(pci_scratch *scratch, const pci_skin_problem *problem,
     gram->proxy = proxy;
     gram->noise_share = noise;
     gram->level = PCI_SKIN_LEVELS;
-    pci_skin_gram_use(gram, PCI_SKIN_SAMPLE);
+    pci_skin_gram_use(gram, PCI_SKIN_SAMPLE, NULL);
     return true;
 }

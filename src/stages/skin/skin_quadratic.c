@@ -218,15 +218,42 @@ static inline __attribute__((always_inline)) void load_gram(const pci_skin_quadr
     }
 }
 
+// The same from pairs; 0 where none is needed.
+static void load_pairs(const pci_skin_quadratic *q, pci_skin_group *g) {
+    const size_t width = q->width, own = width * g->own_bone_count;
+    memset(g->gram, 0, own * g->stride * sizeof(*g->gram));
+    memset(g->own_gram, 0, own * own * sizeof(*g->own_gram));
+    for (size_t b = 0; b < g->own_bone_count; ++b) {
+        const uint32_t bone = g->bones[b];
+        for (size_t e = q->pairs->offsets[bone]; e < q->pairs->offsets[bone + 1]; ++e) {
+            const size_t number = g->bone_numbers[q->pairs->others[e]];
+            for (size_t k = 0; k < width * width && number > 0; ++k) {
+                const size_t row = b * width + k / width;
+                const size_t column = (number - 1) * width + k % width;
+                const double value = q->pairs->values[e * width * width + k];
+                g->gram[row * g->stride + column] = (float)value;
+                if (number <= g->own_bone_count) {
+                    g->own_gram[row * own + column] = value;
+                }
+            }
+        }
+    }
+}
+
 static void load_group(const sweep_job *job, uint32_t group, pci_skin_group *g) {
     const pci_skin_quadratic *q = job->q;
     number_bones(job, group, g);
     memset(g->faces, 0, g->own_count * sizeof(*g->faces));
     if (q->width == 1) {
         load_moves(q, 1, g);
-        load_gram(q, 1, g);
     } else {
         load_moves(q, PCI_SKIN_COLUMNS_MAX, g);
+    }
+    if (q->gram == NULL) {
+        load_pairs(q, g);
+    } else if (q->width == 1) {
+        load_gram(q, 1, g);
+    } else {
         load_gram(q, PCI_SKIN_COLUMNS_MAX, g);
     }
     for (size_t b = 0; b < g->bone_count; ++b) {

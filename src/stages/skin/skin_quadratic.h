@@ -11,7 +11,7 @@
 #ifndef PCI_SKIN_QUADRATIC_H
 #define PCI_SKIN_QUADRATIC_H
 
-#include "stages/skin/skin_driver.h"
+#include "stages/skin/skin_pairs.h"
 
 enum { PCI_SKIN_GROUP = 64 }; // vertices that one thread visits in turn
 
@@ -62,7 +62,8 @@ typedef struct pci_skin_quadratic {
     size_t *offsets;       // #V + 1: rows of M by member: the diagonal, the ring, all others
     uint32_t *entries;     // places among the vertices that the group knows
     float *values;
-    const double *gram;      // G, #P width by #P width
+    const double *gram; // G, #P width by #P width; or NULL:
+    const pci_skin_pairs *pairs;
     const uint32_t *allowed; // #V, bit k: slot k may have weight
     // Where a row lies on the face of the free slots, its gradient g moves it by -C g / M_ii to the
     // minimum there. F of C (pci_simplex_factor of x^T G x) stays as long as the face and G do.
@@ -78,7 +79,8 @@ static inline size_t pci_skin_group_begin(const pci_skin_quadratic *quadratic, s
 }
 
 // `scale`: factors of the losses; `diagonal`: what else M / 2 has there. `points`, `gram` and
-// `allowed` stay the caller's. False: out of memory.
+// `allowed` stay the caller's; so do the pairs that are given later where `gram` is NULL. False:
+// out of memory.
 bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *problem,
                               const pci_skin_kernel *kernel, const double *points,
                               const double scale[4], double diagonal, const double *gram,

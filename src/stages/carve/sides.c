@@ -58,33 +58,36 @@ static pc_status ask(pci_scratch *scratch, const char *stage, const pc_mesh *pro
     return done ? PC_OK : pci_fail_memory(scratch->context, stage);
 }
 
-typedef struct tally {
-    uint32_t piece; // the largest, by its first vertex
-    size_t size;
-} tally;
+// Marks the vertices of the component that encloses most. False: out of memory.
+static bool find_largest(pci_scratch *scratch, const pc_mesh *projected, uint8_t *marks) {
+    uint32_t *component = PCI_SCRATCH(scratch, uint32_t, projected->triangle_count);
+    if (component == NULL) {
+        return false;
+    }
+    const size_t count = pci_manifold_components(scratch, projected, component);
+    const double *volumes = pci_component_volumes(scratch, projected, component, count);
+    size_t largest = 0;
+    for (size_t i = 1; volumes != NULL && i < count; ++i) {
+        largest = volumes[i] > volumes[largest] ? i : largest;
+    }
+    for (size_t i = 0; i < 3 * projected->triangle_count; ++i) {
+        marks[projected->triangles[i]] = component[i / 3] == largest;
+    }
+    return volumes != NULL;
+}
 
-// In each component only the largest piece of each label keeps it, by its number of vertices;
-// cavities, which show their front to what they enclose, get 0. False: out of memory.
+// Of each label only the largest piece of the largest component keeps it, by its number of
+// vertices; the other components, as cavities, get 0. False: out of memory.
 static bool join_sides(pci_scratch *scratch, const pc_mesh *projected, const pci_topology *topology,
                        uint8_t *labels) {
     const size_t count = projected->vertex_count;
-    uint32_t *piece = PCI_SCRATCH(scratch, uint32_t, count);
-    uint32_t *component = PCI_SCRATCH(scratch, uint32_t, projected->triangle_count);
-    uint32_t *home = PCI_SCRATCH(scratch, uint32_t, count); // component
-    size_t *sizes = PCI_SCRATCH(scratch, size_t, count);
-    if (scratch->failed) {
-        return false;
-    }
-    const size_t parts = pci_manifold_components(scratch, projected, component);
-    const double *volumes = pci_component_volumes(scratch, projected, component, parts);
-    tally *largest = PCI_SCRATCH(scratch, tally, 2 * parts);
-    if (scratch->failed) {
+    uint8_t *marks = PCI_SCRATCH(scratch, uint8_t, count);
+    uint32_t *piece = PCI_SCRATCH(scratch, uint32_t, count), largest[2] = {0, 0};
+    size_t *sizes = PCI_SCRATCH(scratch, size_t, count), most[2] = {0, 0};
+    if (scratch->failed || !find_largest(scratch, projected, marks)) {
         return false;
     }
     pci_singletons(piece, count);
-    for (size_t i = 0; i < 3 * projected->triangle_count; ++i) {
-        home[projected->triangles[i]] = component[i / 3];
-    }
     for (size_t e = 0; e < topology->edge_count; ++e) {
         const uint32_t a = topology->edges[2 * e], b = topology->edges[2 * e + 1];
         if (labels[a] == labels[b]) {
@@ -93,14 +96,13 @@ static bool join_sides(pci_scratch *scratch, const pc_mesh *projected, const pci
     }
     for (uint32_t v = 0; v < count; ++v) {
         piece[v] = pci_find_root(piece, v);
-        tally *t = &largest[2 * (size_t)home[v] + labels[v]];
-        if (++sizes[piece[v]] > t->size) {
-            *t = (tally){piece[v], sizes[piece[v]]};
+        if (marks[v] && ++sizes[piece[v]] > most[labels[v]]) {
+            most[labels[v]] = sizes[piece[v]];
+            largest[labels[v]] = piece[v];
         }
     }
     for (size_t v = 0; v < count; ++v) {
-        const bool keeps = piece[v] == largest[2 * (size_t)home[v] + labels[v]].piece;
-        labels[v] = volumes[home[v]] >= 0.0 && keeps == (labels[v] != 0);
+        labels[v] = marks[v] && (piece[v] == largest[labels[v]]) == (labels[v] != 0);
     }
     return true;
 }

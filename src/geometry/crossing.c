@@ -6,14 +6,40 @@
 #include <stdlib.h>
 
 #define RELATIVE_ZERO 1e-12
+#define PAD           1.2e-7 // 1 and less in float, rounded
 
-// Signed distances of three points from the plane of a triangle. False: the triangle has no plane.
+static inline double lesser(double a, double b) { return a < b ? a : b; }
+static inline double larger(double a, double b) { return a > b ? a : b; }
+
+// Whether all points that are not shared are clearly on the same side of a plane: most pairs need
+// no more. The normal has any length.
+static bool on_one_side(const double origin[3], const double points[9], unsigned shared,
+                        double zero, const double normal[3]) {
+    const double limit = 4.0 * zero * zero * pci_dot(normal, normal);
+    double least = INFINITY, largest = -INFINITY;
+    for (size_t i = 0; i < 3; ++i) {
+        if ((shared >> i & 1U) == 0) {
+            double offset[3];
+            pci_sub(&points[3 * i], origin, offset);
+            const double distance = pci_dot(normal, offset);
+            least = lesser(least, distance);
+            largest = larger(largest, distance);
+        }
+    }
+    return (least > 0.0 && least * least > limit) || (largest < 0.0 && largest * largest > limit);
+}
+
+// Signed distances of three points from the plane of a triangle. False: the triangle has no plane,
+// or the points are on one side.
 static bool plane_distances(const double triangle[9], const double points[9], unsigned shared,
                             double zero, double normal[3], double distance[3]) {
     double ab[3], ac[3];
     pci_sub(&triangle[3], triangle, ab);
     pci_sub(&triangle[6], triangle, ac);
     pci_cross(ab, ac, normal);
+    if (on_one_side(triangle, points, shared, zero, normal)) {
+        return false;
+    }
     // An area below that of a needle of width `zero` has no direction.
     if (pci_norm(normal) <= zero * sqrt(fmax(pci_dot(ab, ab), pci_dot(ac, ac))) ||
         !pci_normalize(normal)) {
@@ -31,8 +57,8 @@ static bool plane_distances(const double triangle[9], const double points[9], un
 }
 
 static bool on_both_sides(const double distance[3]) {
-    return fmin(fmin(distance[0], distance[1]), distance[2]) < 0.0 &&
-           fmax(fmax(distance[0], distance[1]), distance[2]) > 0.0;
+    return lesser(lesser(distance[0], distance[1]), distance[2]) < 0.0 &&
+           larger(larger(distance[0], distance[1]), distance[2]) > 0.0;
 }
 
 // The stretch of the line `direction` that lies in a triangle with corners on both sides.
@@ -64,7 +90,7 @@ static double crossing_length(const double a[9], unsigned shared_a, const double
         pci_sub(&a[3 * i], a, &p[3 * i]);
         pci_sub(&b[3 * i], a, &q[3 * i]);
         for (size_t k = 0; k < 3; ++k) {
-            extent = fmax(extent, fmax(fabs(p[3 * i + k]), fabs(q[3 * i + k])));
+            extent = larger(extent, larger(fabs(p[3 * i + k]), fabs(q[3 * i + k])));
         }
     }
     const double zero = RELATIVE_ZERO * extent;
@@ -86,75 +112,80 @@ static double crossing_length(const double a[9], unsigned shared_a, const double
     return length > zero ? length : 0.0;
 }
 
+// In the frame of the sweep, rounded outwards.
 typedef struct box {
-    double minimum[3], maximum[3];
+    float minimum[3], maximum[3];
     uint32_t triangle;
-    uint32_t strip; // one of those that the triangle touches
+    uint32_t strip; // one of those that the triangle touches: slices across the second axis
 } box;
 
-// Slices of equal width across the second axis.
-typedef struct strips {
-    size_t axis;
-    double origin, width;
-} strips;
+// Takes the mesh to lengths between 0 and 1, its longest side along the first axis.
+typedef struct sweep_frame {
+    size_t axes[3];
+    double origin[3], scale;
+} sweep_frame;
 
 typedef struct sweep {
     const pc_mesh *mesh;
-    const box *boxes; // a triangle once per strip; ascending by strip, then along `axis`
+    const box *boxes; // a triangle once per strip; ascending by strip, then along the first axis
     size_t box_count;
-    size_t axis;
-    strips strips;
-    uint64_t *counts; // per piece
+    double width;     // of a strip
+    uint64_t *counts; // per piece, then those before it; one more than there are pieces
     size_t grain;
     uint32_t *pairs; // 2 per crossing, piece after piece; NULL: only count
 } sweep;
 
 double pci_pair_crossing_length(const pc_mesh *mesh, uint32_t first, uint32_t second) {
+    const uint32_t *corner = &mesh->triangles[3 * (size_t)first];
+    const uint32_t *other = &mesh->triangles[3 * (size_t)second];
     double a[9], b[9];
     unsigned shared_a = 0, shared_b = 0, shared = 0;
-    for (size_t i = 0; i < 3; ++i) {
-        const uint32_t u = mesh->triangles[3 * (size_t)first + i];
-        const uint32_t v = mesh->triangles[3 * (size_t)second + i];
-        memcpy(&a[3 * i], &mesh->positions[3 * (size_t)u], 3 * sizeof(*a));
-        memcpy(&b[3 * i], &mesh->positions[3 * (size_t)v], 3 * sizeof(*b));
-        for (size_t j = 0; j < 3; ++j) {
-            if (mesh->triangles[3 * (size_t)second + j] == u) {
-                shared_a |= 1U << i;
-                shared_b |= 1U << j;
-                ++shared;
-            }
+    for (unsigned k = 0; k < 9; ++k) {
+        if (corner[k / 3] == other[k % 3]) {
+            shared_a |= 1U << k / 3;
+            shared_b |= 1U << k % 3;
+            ++shared;
         }
     }
-    return shared < 2 ? crossing_length(a, shared_a, b, shared_b) : 0.0;
+    if (shared >= 2) {
+        return 0.0;
+    }
+    for (size_t i = 0; i < 3; ++i) {
+        memcpy(&a[3 * i], &mesh->positions[3 * (size_t)corner[i]], 3 * sizeof(*a));
+        memcpy(&b[3 * i], &mesh->positions[3 * (size_t)other[i]], 3 * sizeof(*b));
+    }
+    return crossing_length(a, shared_a, b, shared_b);
 }
 
 bool pci_pair_crosses(const pc_mesh *mesh, uint32_t first, uint32_t second) {
     return pci_pair_crossing_length(mesh, first, second) > 0.0;
 }
 
-static uint32_t strip_at(const strips *s, double position) {
-    return (uint32_t)((position - s->origin) / s->width);
+static uint32_t strip_at(const sweep *s, float position) {
+    return (uint32_t)((double)position / s->width);
 }
 
-// Whether two boxes of one strip overlap, and no earlier strip has both.
+// Whether two boxes of one strip, which overlap along the first axis, meet and no earlier strip has
+// both.
 static bool boxes_meet(const sweep *s, const box *a, const box *b) {
-    const size_t y = s->strips.axis, z = 3 - s->axis - y;
-    return a->minimum[y] <= b->maximum[y] && b->minimum[y] <= a->maximum[y] &&
-           a->minimum[z] <= b->maximum[z] && b->minimum[z] <= a->maximum[z] &&
-           strip_at(&s->strips, fmax(a->minimum[y], b->minimum[y])) == a->strip;
+    return a->minimum[1] <= b->maximum[1] && b->minimum[1] <= a->maximum[1] &&
+           a->minimum[2] <= b->maximum[2] && b->minimum[2] <= a->maximum[2] &&
+           strip_at(s, a->minimum[1] > b->minimum[1] ? a->minimum[1] : b->minimum[1]) == a->strip;
 }
 
 static void sweep_boxes(void *user, size_t begin, size_t end, uint32_t worker) {
     sweep *s = user;
     (void)worker;
-    const size_t x = s->axis;
+    const uint64_t *before = &s->counts[begin / s->grain];
     uint64_t count = 0;
-    // With pairs to write, counts hold where the piece begins.
-    uint32_t *pair = s->pairs != NULL ? &s->pairs[2 * s->counts[begin / s->grain]] : NULL;
+    if (s->pairs != NULL && before[1] == before[0]) {
+        return;
+    }
+    uint32_t *pair = s->pairs != NULL ? &s->pairs[2 * before[0]] : NULL;
     for (size_t i = begin; i < end; ++i) {
         const box *a = &s->boxes[i];
         for (size_t j = i + 1; j < s->box_count && s->boxes[j].strip == a->strip &&
-                               s->boxes[j].minimum[x] <= a->maximum[x];
+                               s->boxes[j].minimum[0] <= a->maximum[0];
              ++j) {
             const box *b = &s->boxes[j];
             if (boxes_meet(s, a, b) && pci_pair_crosses(s->mesh, a->triangle, b->triangle)) {
@@ -171,65 +202,73 @@ static void sweep_boxes(void *user, size_t begin, size_t end, uint32_t worker) {
     }
 }
 
-#define COMPARE_BOXES(name, axis)                                                                  \
-    static int name(const void *a, const void *b) {                                                \
-        const box *p = a, *q = b;                                                                  \
-        const double x = p->minimum[axis], y = q->minimum[axis];                                   \
-        if (p->strip != q->strip) {                                                                \
-            return p->strip < q->strip ? -1 : 1;                                                   \
-        }                                                                                          \
-        return x < y || (x == y && p->triangle < q->triangle) ? -1 : 1;                            \
+static int compare_boxes(const void *a, const void *b) {
+    const box *p = a, *q = b;
+    if (p->strip != q->strip) {
+        return p->strip < q->strip ? -1 : 1;
     }
-COMPARE_BOXES(compare_x, 0)
-COMPARE_BOXES(compare_y, 1)
-COMPARE_BOXES(compare_z, 2)
+    const float x = p->minimum[0], y = q->minimum[0];
+    return x < y || (x == y && p->triangle < q->triangle) ? -1 : 1;
+}
 
-static box triangle_box(const pc_mesh *mesh, size_t t) {
+static box triangle_box(const pc_mesh *mesh, const sweep_frame *frame, size_t t) {
     box result = {.triangle = (uint32_t)t};
     for (size_t k = 0; k < 3; ++k) {
-        const double x = mesh->positions[3 * (size_t)mesh->triangles[3 * t] + k];
-        const double y = mesh->positions[3 * (size_t)mesh->triangles[3 * t + 1] + k];
-        const double z = mesh->positions[3 * (size_t)mesh->triangles[3 * t + 2] + k];
-        result.minimum[k] = fmin(fmin(x, y), z);
-        result.maximum[k] = fmax(fmax(x, y), z);
+        const double *along = &mesh->positions[frame->axes[k]];
+        const double a = along[3 * (size_t)mesh->triangles[3 * t]];
+        const double b = along[3 * (size_t)mesh->triangles[3 * t + 1]];
+        const double c = along[3 * (size_t)mesh->triangles[3 * t + 2]];
+        const double least = lesser(lesser(a, b), c), largest = larger(larger(a, b), c);
+        result.minimum[k] = (float)larger(frame->scale * (least - frame->origin[k]) - PAD, 0.0);
+        result.maximum[k] = (float)(frame->scale * (largest - frame->origin[k]) + PAD);
     }
     return result;
+}
+
+static sweep_frame find_frame(const pc_mesh *mesh) {
+    sweep_frame frame = {.axes = {0, 1, 2}};
+    double minimum[3], size[3];
+    for (size_t k = 0; k < 3; ++k) {
+        double maximum = -INFINITY;
+        minimum[k] = INFINITY;
+        for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
+            const double at = mesh->positions[3 * (size_t)mesh->triangles[i] + k];
+            minimum[k] = lesser(minimum[k], at);
+            maximum = larger(maximum, at);
+        }
+        size[k] = maximum - minimum[k];
+    }
+    for (size_t i = 0; i < 3; ++i) { // the longest first
+        const size_t low = i == 1 ? 1 : 0, high = low + 1;
+        if (size[frame.axes[high]] > size[frame.axes[low]]) {
+            const size_t swapped = frame.axes[low];
+            frame.axes[low] = frame.axes[high];
+            frame.axes[high] = swapped;
+        }
+    }
+    for (size_t k = 0; k < 3; ++k) {
+        frame.origin[k] = minimum[frame.axes[k]];
+    }
+    const double longest = size[frame.axes[0]];
+    frame.scale = longest > 0.0 && isfinite(1.0 / longest) ? 1.0 / longest : 0.0;
+    return frame;
 }
 
 // Sorts the triangles into strips twice as wide as a box is on average, so that they are about
 // twice as many at most.
 static bool sort_boxes(pci_scratch *scratch, sweep *s) {
-    static int (*const compare[3])(const void *, const void *) = {compare_x, compare_y, compare_z};
     const pc_mesh *mesh = s->mesh;
-    double minimum[3], maximum[3], mean[3] = {0.0};
-    for (size_t k = 0; k < 3; ++k) {
-        minimum[k] = INFINITY, maximum[k] = -INFINITY;
-    }
+    const sweep_frame frame = find_frame(mesh);
+    double wide = 0.0;
     for (size_t t = 0; t < mesh->triangle_count; ++t) {
-        const box b = triangle_box(mesh, t);
-        for (size_t k = 0; k < 3; ++k) {
-            minimum[k] = fmin(minimum[k], b.minimum[k]);
-            maximum[k] = fmax(maximum[k], b.maximum[k]);
-            mean[k] += (b.maximum[k] - b.minimum[k]) / (double)mesh->triangle_count;
-        }
+        const box b = triangle_box(mesh, &frame, t);
+        wide += (double)(b.maximum[1] - b.minimum[1]);
     }
-    size_t axes[3] = {0, 1, 2}; // longest first
-    for (size_t i = 0; i < 3; ++i) {
-        const size_t low = i == 1 ? 1 : 0, high = low + 1;
-        if (maximum[axes[high]] - minimum[axes[high]] > maximum[axes[low]] - minimum[axes[low]]) {
-            const size_t swapped = axes[low];
-            axes[low] = axes[high];
-            axes[high] = swapped;
-        }
-    }
-    const size_t y = axes[1];
-    const double width = fmax(2.0 * mean[y], (maximum[y] - minimum[y]) / (1 << 20));
-    s->axis = axes[0];
-    s->strips = (strips){y, minimum[y], width > 0.0 ? width : 1.0};
+    s->width = fmax(2.0 * wide / (double)mesh->triangle_count, 1.0 / (1 << 20));
     s->box_count = 0;
     for (size_t t = 0; t < mesh->triangle_count; ++t) {
-        const box b = triangle_box(mesh, t);
-        s->box_count += 1 + strip_at(&s->strips, b.maximum[y]) - strip_at(&s->strips, b.minimum[y]);
+        const box b = triangle_box(mesh, &frame, t);
+        s->box_count += 1 + strip_at(s, b.maximum[1]) - strip_at(s, b.minimum[1]);
     }
     box *boxes = PCI_SCRATCH(scratch, box, s->box_count);
     if (boxes == NULL) {
@@ -237,13 +276,13 @@ static bool sort_boxes(pci_scratch *scratch, sweep *s) {
     }
     size_t count = 0;
     for (size_t t = 0; t < mesh->triangle_count; ++t) {
-        box b = triangle_box(mesh, t);
-        const uint32_t last = strip_at(&s->strips, b.maximum[y]);
-        for (b.strip = strip_at(&s->strips, b.minimum[y]); b.strip <= last; ++b.strip) {
+        box b = triangle_box(mesh, &frame, t);
+        const uint32_t last = strip_at(s, b.maximum[1]);
+        for (b.strip = strip_at(s, b.minimum[1]); b.strip <= last; ++b.strip) {
             boxes[count++] = b;
         }
     }
-    qsort(boxes, count, sizeof(*boxes), compare[s->axis]);
+    qsort(boxes, count, sizeof(*boxes), compare_boxes);
     s->boxes = boxes;
     return true;
 }
@@ -259,7 +298,7 @@ bool pci_list_self_intersections(pci_scratch *scratch, const pc_mesh *mesh, uint
         return false;
     }
     const size_t pieces = (s.box_count + s.grain - 1) / s.grain;
-    s.counts = PCI_SCRATCH(scratch, uint64_t, pieces);
+    s.counts = PCI_SCRATCH(scratch, uint64_t, pieces + 1);
     if (s.counts == NULL) {
         return false;
     }
@@ -270,6 +309,7 @@ bool pci_list_self_intersections(pci_scratch *scratch, const pc_mesh *mesh, uint
         total += s.counts[i];
         s.counts[i] = before;
     }
+    s.counts[pieces] = total;
     *count = (size_t)total;
     if (pairs != NULL) {
         *pairs = s.pairs = PCI_SCRATCH(scratch, uint32_t, 2 * total);

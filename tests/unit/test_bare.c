@@ -24,11 +24,14 @@ static pc_mesh belt(pc_context *context, double collar, double pouch) {
 
 static pc_status bare(pc_context *context, const pc_mesh *mesh, pc_mesh *layer, bool *covers) {
     pci_scratch scratch = pci_scratch_begin(context);
-    pci_topology edges;
+    pci_cloth cloth = {.scratch = &scratch,
+                       .stage = "test",
+                       .surface = mesh,
+                       .cell_size = cell_size,
+                       .mesh = *mesh};
     uint64_t filled = 0;
-    const pc_status status = pci_topology_build_edges(&scratch, mesh, &edges)
-                                 ? pci_bare_layer(&scratch, "test", mesh, mesh, &edges, cell_size,
-                                                  layer, &filled, covers)
+    const pc_status status = pci_topology_build_edges(&scratch, mesh, &cloth.edges)
+                                 ? pci_bare_layer(&cloth, layer, &filled, covers)
                                  : pci_fail_memory(context, "test");
     pci_scratch_end(&scratch);
     return status;

@@ -93,15 +93,10 @@ enum { cloth_rings = 4, projected_rings = 2 };
 
 // What a single layer is made of.
 typedef struct carve_job {
-    pci_scratch *scratch;
-    const pc_mesh *surface;    // visual mesh
-    const pc_mesh *cloth;      // what of it is cloth
-    const pci_topology *edges; // of the cloth
-    double thickness;          // of the cloth
-    const pci_rims *rims;      // of the visual mesh, once they are known
-    const pc_mesh *projected;  // mesh
-    const uint8_t *labels;     // #V of `projected`
-    double cell_size;
+    const pci_cloth *cloth;   // of the visual mesh
+    const pci_rims *rims;     // of the visual mesh, once they are known
+    const pc_mesh *projected; // mesh
+    const uint8_t *labels;    // #V of `projected`
     const pc_carve_options *options;
 } carve_job;
 
@@ -120,8 +115,8 @@ static pc_status measure(const carve_job *job, const pc_mesh *mesh, const pci_sh
     report->triangles = mesh->triangle_count;
     report->boundary_loops = shape->boundary_loops;
     report->components = shape->components;
-    return pci_measure_coverage(job->scratch, stage, job->surface, mesh, job->cell_size,
-                                &report->coverage);
+    return pci_measure_coverage(job->cloth->scratch, stage, job->cloth->surface, mesh,
+                                job->cloth->cell_size, &report->coverage);
 }
 
 // ---- entry ------------------------------------------------------------------------------------
@@ -157,7 +152,7 @@ static pc_status no_proxy(pc_context *context, const char *reason) {
 static uint8_t *kept_triangles(const carve_job *job) {
     const pc_mesh *projected = job->projected;
     const uint8_t *labels = job->labels;
-    uint8_t *keep = PCI_SCRATCH(job->scratch, uint8_t, projected->triangle_count);
+    uint8_t *keep = PCI_SCRATCH(job->cloth->scratch, uint8_t, projected->triangle_count);
     for (size_t t = 0; keep != NULL && t < projected->triangle_count; ++t) {
         const uint32_t *corner = &projected->triangles[3 * t];
         keep[t] =
@@ -170,15 +165,15 @@ static uint8_t *kept_triangles(const carve_job *job) {
 // @param projected  tree of that mesh, built here if it is needed and was not before
 static pc_status extract(const carve_job *job, pci_bvh **projected, pc_mesh *layer,
                          pc_carve_report *report) {
-    pci_scratch *scratch = job->scratch;
+    pci_scratch *scratch = job->cloth->scratch;
     pc_context *context = scratch->context;
     uint8_t *keep = kept_triangles(job);
     if (keep == NULL ||
-        !pci_keep_dents(scratch, job->projected, &job->rims->points, job->cell_size, keep)) {
+        !pci_keep_dents(scratch, job->projected, &job->rims->points, job->cloth->cell_size, keep)) {
         return pci_fail_memory(context, stage);
     }
-    pc_status status =
-        pci_leave_hollows(scratch, stage, job->projected, hollow_voxels * job->cell_size, keep);
+    pc_status status = pci_leave_hollows(scratch, stage, job->projected,
+                                         hollow_voxels * job->cloth->cell_size, keep);
     pci_repair_counts counts;
     if (status == PC_OK && !pci_mesh_repair(scratch, job->projected, keep, layer, &counts)) {
         status = pci_fail_memory(context, stage);
@@ -204,19 +199,19 @@ static pc_status extract(const carve_job *job, pci_bvh **projected, pc_mesh *lay
 
 static pc_status cut(const carve_job *job, const pci_bvh *visual, const pci_rims *rims,
                      pc_mesh *layer, pc_carve_report *report) {
-    pci_scratch *scratch = job->scratch;
+    pci_scratch *scratch = job->cloth->scratch;
     const pc_carve_options *options = job->options;
     const struct pci_scratch_block *mark = scratch->blocks;
-    pc_status status = pci_cut_outline(scratch, stage, visual, rims,
-                                       options->carve ? PCI_OUTLINE_ALL : PCI_OUTLINE_MEMBRANES,
-                                       options->carve_distance * job->cell_size, job->cell_size,
-                                       layer, &report->carved_regions, &report->carved_triangles);
+    pc_status status = pci_cut_outline(
+        scratch, stage, visual, rims, options->carve ? PCI_OUTLINE_ALL : PCI_OUTLINE_MEMBRANES,
+        options->carve_distance * job->cloth->cell_size, job->cloth->cell_size, layer,
+        &report->carved_regions, &report->carved_triangles);
     pci_scratch_rewind(scratch, mark);
     if (status != PC_OK) {
         return status;
     }
-    status = pci_drop_crumbs(scratch, stage, job->cloth, visual, options->smallest_part,
-                             loose_voxels * job->cell_size, layer, &report->dropped_parts);
+    status = pci_drop_crumbs(scratch, stage, &job->cloth->mesh, visual, options->smallest_part,
+                             loose_voxels * job->cloth->cell_size, layer, &report->dropped_parts);
     pci_scratch_rewind(scratch, mark);
     if (status != PC_OK) {
         return status;
@@ -307,32 +302,33 @@ static bool close_cracks(pci_scratch *scratch, const pc_mesh *cloth, const pci_t
 // keeps its shape.
 static pc_status mend_bridges(const carve_job *job, const pci_bvh *visual, uint8_t *away,
                               pci_shape *shape, pc_mesh *layer) {
-    pci_scratch *scratch = job->scratch;
+    pci_scratch *scratch = job->cloth->scratch;
     pc_mesh turned = {0};
     const uint8_t *kept = kept_triangles(job);
     const struct pci_scratch_block *mark = scratch->blocks;
-    if (kept == NULL ||
-        !close_cracks(scratch, job->cloth, job->edges, crack_voxels * job->cell_size, &turned)) {
+    if (kept == NULL || !close_cracks(scratch, &job->cloth->mesh, &job->cloth->edges,
+                                      crack_voxels * job->cloth->cell_size, &turned)) {
         return pci_fail_memory(scratch->context, stage);
     }
     pci_scratch_rewind(scratch, mark);
     pc_status status = pci_face_like(scratch, stage, layer, true, &turned);
     pci_scratch_rewind(scratch, mark);
     if (status == PC_OK) {
-        status = pci_mend_webs(scratch, stage, visual, &turned, NULL, cloth_rings, job->cell_size,
-                               shape, &away, layer);
+        status = pci_mend_webs(scratch, stage, visual, &turned, NULL, cloth_rings,
+                               job->cloth->cell_size, shape, &away, layer);
     }
     pc_mesh_free(scratch->context, &turned);
-    return status == PC_OK ? pci_mend_webs(scratch, stage, visual, job->projected, kept,
-                                           projected_rings, job->cell_size, shape, &away, layer)
-                           : status;
+    return status == PC_OK
+               ? pci_mend_webs(scratch, stage, visual, job->projected, kept, projected_rings,
+                               job->cloth->cell_size, shape, &away, layer)
+               : status;
 }
 
 // @param cut  how far from the cloth; 0: nothing was cut
 static pc_status snap(const carve_job *job, const pci_bvh *visual, double cut, pc_mesh *layer) {
     return job->options->snap_border
-               ? pci_snap_border(job->scratch->context, stage, job->cloth, job->edges, visual, cut,
-                                 job->cell_size, layer)
+               ? pci_snap_border(job->cloth->scratch->context, stage, &job->cloth->mesh,
+                                 &job->cloth->edges, visual, cut, job->cloth->cell_size, layer)
                : PC_OK;
 }
 
@@ -340,13 +336,13 @@ static pc_status snap(const carve_job *job, const pci_bvh *visual, double cut, p
 // and then those of straps with them; NULL: straps are not looked for.
 static pc_status labelled_layer(const carve_job *job, const pci_bvh *visual, uint8_t *labels,
                                 pc_mesh *layer, pc_carve_report *report) {
-    pci_scratch *scratch = job->scratch;
+    pci_scratch *scratch = job->cloth->scratch;
     pci_bvh *projected = NULL;
     report->source = PC_LAYER_LABELS;
     const struct pci_scratch_block *before = scratch->blocks;
     pc_status status = labels == NULL ? PC_OK
                                       : pci_keep_straps(scratch, stage, job->projected,
-                                                        job->cell_size, labels, &projected);
+                                                        job->cloth->cell_size, labels, &projected);
     pci_scratch_rewind(scratch, before);
     const struct pci_scratch_block *mark = scratch->blocks;
     if (status == PC_OK) {
@@ -356,7 +352,7 @@ static pc_status labelled_layer(const carve_job *job, const pci_bvh *visual, uin
     pci_bvh_destroy(scratch->context, projected);
     if (status == PC_OK) {
         bool peeled = false;
-        status = pci_peel_linings(scratch, stage, NULL, both_sides_reach * job->cell_size,
+        status = pci_peel_linings(scratch, stage, NULL, both_sides_reach * job->cloth->cell_size,
                                   least_both_sides, layer, &peeled);
         pci_scratch_rewind(scratch, mark);
     }
@@ -369,15 +365,15 @@ static pc_status labelled_layer(const carve_job *job, const pci_bvh *visual, uin
 // The labelled triangles of the projected mesh; may be none.
 static pc_status labelled_side(const carve_job *job, pc_mesh *side) {
     const uint8_t *keep = kept_triangles(job);
-    return keep != NULL && pci_mesh_compact(job->scratch, job->projected, keep, side, NULL)
+    return keep != NULL && pci_mesh_compact(job->cloth->scratch, job->projected, keep, side, NULL)
                ? PC_OK
-               : pci_fail_memory(job->scratch->context, stage);
+               : pci_fail_memory(job->cloth->scratch->context, stage);
 }
 
 // Takes the visual mesh, emptied by this, as the layer, with the labelled side outside.
 static pc_status take_visual(const carve_job *job, uint64_t filled, pc_mesh *visual, pc_mesh *layer,
                              pc_carve_report *report) {
-    pc_context *context = job->scratch->context;
+    pc_context *context = job->cloth->scratch->context;
     pc_mesh side = {0};
     pc_mesh_free(context, layer);
     *layer = *visual;
@@ -388,12 +384,12 @@ static pc_status take_visual(const carve_job *job, uint64_t filled, pc_mesh *vis
     }
     pc_status status = labelled_side(job, &side);
     if (status == PC_OK && side.triangle_count > 0) {
-        status = pci_face_like(job->scratch, stage, &side, false, layer);
+        status = pci_face_like(job->cloth->scratch, stage, &side, false, layer);
     }
     pc_mesh_free(context, &side);
     pci_shape shape;
     if (status == PC_OK) {
-        status = find_shape(job->scratch, layer, &shape);
+        status = find_shape(job->cloth->scratch, layer, &shape);
     }
     return status == PC_OK ? measure(job, layer, &shape, report) : status;
 }
@@ -402,14 +398,13 @@ static pc_status take_visual(const carve_job *job, uint64_t filled, pc_mesh *vis
 // is taken if that has the shape that the labels say, or fewer parts.
 static pc_status try_tailoring(const carve_job *job, const pci_shape *shape, pc_mesh *layer,
                                pc_carve_report *report, bool *taken) {
-    pci_scratch *scratch = job->scratch;
+    pci_scratch *scratch = job->cloth->scratch;
     pc_mesh side = {0}, sewn = {0};
     pci_shape tailored = {0};
     pc_carve_report other = {.source = PC_LAYER_VISUAL};
     pc_status status = labelled_side(job, &side);
     if (status == PC_OK && side.triangle_count > 0) {
-        status = pci_tailored_layer(scratch, stage, job->surface, job->cloth, job->edges, &side,
-                                    job->thickness, job->cell_size, &sewn, &other.filled_loops);
+        status = pci_tailored_layer(job->cloth, &side, &sewn, &other.filled_loops);
     }
     pc_mesh_free(scratch->context, &side);
     if (status == PC_OK && sewn.triangle_count > 0) {
@@ -434,8 +429,8 @@ static pc_status try_tailoring(const carve_job *job, const pci_shape *shape, pc_
 // Whether the cloth shall be made one sheet: the layer bridges gaps, or has more parts than the
 // cloth, and that has so few that they may be worn over each other.
 static bool shall_be_tailored(const carve_job *job, double share, size_t components) {
-    const pc_mesh *cloth = job->cloth;
-    uint32_t *parents = PCI_SCRATCH(job->scratch, uint32_t, cloth->vertex_count);
+    const pc_mesh *cloth = &job->cloth->mesh;
+    uint32_t *parents = PCI_SCRATCH(job->cloth->scratch, uint32_t, cloth->vertex_count);
     if (parents == NULL || job->options->layer_source != PC_LAYER_AUTO) {
         return false;
     }
@@ -446,7 +441,7 @@ static bool shall_be_tailored(const carve_job *job, double share, size_t compone
 // Takes the side of the projected mesh that a part of the cloth tells, if that has its shape.
 static pc_status try_sides(const carve_job *job, const pci_bvh *visual, const pc_mesh *bare,
                            const pci_shape *wanted, pc_mesh *layer, pc_carve_report *report) {
-    pci_scratch *scratch = job->scratch;
+    pci_scratch *scratch = job->cloth->scratch;
     pc_mesh sided = {0};
     pci_shape shape = {0};
     pc_carve_report other = {0};
@@ -458,12 +453,13 @@ static pc_status try_sides(const carve_job *job, const pci_bvh *visual, const pc
     memcpy(labels, job->labels, job->projected->vertex_count);
     amended.labels = labels;
     pc_status status =
-        pci_label_sides(scratch, stage, job->projected, bare, job->cell_size, labels);
+        pci_label_sides(scratch, stage, job->projected, bare, job->cloth->cell_size, labels);
     if (status == PC_OK) {
         status = labelled_layer(&amended, visual, NULL, &sided, &other);
     }
     if (status == PC_OK && other.carved_regions > 0) {
-        status = snap(&amended, visual, job->options->carve_distance * job->cell_size, &sided);
+        status =
+            snap(&amended, visual, job->options->carve_distance * job->cloth->cell_size, &sided);
     }
     if (status == PC_OK) {
         status = find_shape(scratch, &sided, &shape);
@@ -490,16 +486,15 @@ static pc_status try_bare(const carve_job *job, const pci_bvh *visual, const pci
     pci_shape other = {0};
     uint64_t filled = 0;
     bool covers = false;
-    pc_status status = pci_bare_layer(job->scratch, stage, job->surface, job->cloth, job->edges,
-                                      job->cell_size, &bare, &filled, &covers);
+    pc_status status = pci_bare_layer(job->cloth, &bare, &filled, &covers);
     if (status == PC_OK && bare.triangle_count > 0) {
-        status = find_shape(job->scratch, &bare, &other);
+        status = find_shape(job->cloth->scratch, &bare, &other);
     }
     if (status == PC_OK && bare.triangle_count > 0 && !same_openings(&other, shape)) {
         status = covers ? take_visual(job, filled, &bare, layer, report)
                         : try_sides(job, visual, &bare, &other, layer, report);
     }
-    pc_mesh_free(job->scratch->context, &bare);
+    pc_mesh_free(job->cloth->scratch->context, &bare);
     return status;
 }
 
@@ -507,11 +502,11 @@ static pc_status try_bare(const carve_job *job, const pci_bvh *visual, const pci
 // with the gaps' walls. @param shape  of the layer
 static pc_status bridge_gaps(const carve_job *job, const pci_bvh *visual, pci_shape *shape,
                              pc_mesh *layer, pc_carve_report *report) {
-    pci_scratch *scratch = job->scratch;
+    pci_scratch *scratch = job->cloth->scratch;
     uint8_t *away = NULL;
     double share = 0.0;
     bool taken = false;
-    pc_status status = find_bridges(scratch, visual, layer, job->cell_size, &away, &share)
+    pc_status status = find_bridges(scratch, visual, layer, job->cloth->cell_size, &away, &share)
                            ? PC_OK
                            : pci_fail_memory(scratch->context, stage);
     if (status == PC_OK && shall_be_tailored(job, share, shape->components)) {
@@ -535,7 +530,7 @@ static pc_status bridge_gaps(const carve_job *job, const pci_bvh *visual, pci_sh
 // that keeps them. @param folded  the cloth as it is, if it is a folded sheet; may become the layer
 static pc_status labelled_or_other(const carve_job *job, uint64_t filled, pc_mesh *folded,
                                    pc_mesh *layer, pc_carve_report *report) {
-    pci_scratch *scratch = job->scratch;
+    pci_scratch *scratch = job->cloth->scratch;
     pci_bvh *visual = NULL;
     pci_shape shape = {0}, other = {0};
     bool better = false;
@@ -549,10 +544,11 @@ static pc_status labelled_or_other(const carve_job *job, uint64_t filled, pc_mes
     pci_rims rims = {0};
     amended.labels = labels;
     amended.rims = &rims;
-    pc_status status = pci_bvh_create(scratch->context, stage, job->cloth, &visual);
+    pc_status status = pci_bvh_create(scratch->context, stage, &job->cloth->mesh, &visual);
     if (status == PC_OK) {
-        status = pci_find_rims(scratch, stage, visual, job->cloth, job->edges,
-                               rim_radius * job->cell_size, rim_spacing * job->cell_size, &rims);
+        status = pci_find_rims(scratch, stage, visual, &job->cloth->mesh, &job->cloth->edges,
+                               rim_radius * job->cloth->cell_size,
+                               rim_spacing * job->cloth->cell_size, &rims);
     }
     if (status == PC_OK) {
         status = labelled_layer(&amended, visual, labels, layer, report);
@@ -564,7 +560,8 @@ static pc_status labelled_or_other(const carve_job *job, uint64_t filled, pc_mes
     }
     if (status == PC_OK && !better && report->carved_regions > 0) {
         // The cut was made beside the hems.
-        status = snap(&amended, visual, amended.options->carve_distance * amended.cell_size, layer);
+        status = snap(&amended, visual, amended.options->carve_distance * amended.cloth->cell_size,
+                      layer);
     }
     if (status == PC_OK && !better) {
         status = find_shape(scratch, layer, &shape);
@@ -580,7 +577,7 @@ static pc_status labelled_or_other(const carve_job *job, uint64_t filled, pc_mes
 }
 
 static pc_status choose_layer(const carve_job *job, pc_mesh *layer, pc_carve_report *report) {
-    pci_scratch *scratch = job->scratch;
+    pci_scratch *scratch = job->cloth->scratch;
     const uint32_t source = job->options->layer_source;
     const bool always = source == PC_LAYER_VISUAL;
     pci_layering layering = PCI_LAYERED;
@@ -588,9 +585,7 @@ static pc_status choose_layer(const carve_job *job, pc_mesh *layer, pc_carve_rep
     pc_mesh visual = {0};
     pc_status status = PC_OK;
     if (source != PC_LAYER_LABELS) {
-        status =
-            pci_visual_layer(scratch, stage, job->surface, job->cloth, job->edges, job->thickness,
-                             job->cell_size, always, &visual, &layering, &filled);
+        status = pci_visual_layer(job->cloth, always, &visual, &layering, &filled);
     }
     if (status == PC_OK && !pci_progress(scratch->context, stage, 0.2)) {
         status = pci_fail_cancelled(scratch->context, stage);
@@ -619,24 +614,19 @@ pc_status pc_carve(pc_context *context, const pc_mesh *surface, const pc_mesh *p
     }
     pci_scratch scratch = pci_scratch_begin(context);
     pc_carve_report counts = {0};
-    pc_mesh cloth = {0}, layer = {0};
-    pci_topology edges;
-    carve_job job = {.scratch = &scratch,
-                     .surface = surface,
-                     .cloth = &cloth,
-                     .edges = &edges,
-                     .projected = projected,
-                     .labels = labels->labels,
-                     .cell_size = cell_size,
-                     .options = &chosen};
-    status = pci_visual_cloth(&scratch, stage, surface, cell_size, &cloth, &edges, &job.thickness);
-    if (status == PC_OK && cloth.triangle_count == 0) {
+    pc_mesh layer = {0};
+    pci_cloth cloth = {
+        .scratch = &scratch, .stage = stage, .surface = surface, .cell_size = cell_size};
+    const carve_job job = {
+        .cloth = &cloth, .projected = projected, .labels = labels->labels, .options = &chosen};
+    status = pci_visual_cloth(&cloth);
+    if (status == PC_OK && cloth.mesh.triangle_count == 0) {
         status = no_proxy(context, "the visual mesh has none of use");
     }
     if (status == PC_OK) {
         status = choose_layer(&job, &layer, &counts);
     }
-    pc_mesh_free(context, &cloth);
+    pc_mesh_free(context, &cloth.mesh);
     pci_scratch_end(&scratch);
     if (status != PC_OK) {
         pc_mesh_free(context, &layer);

@@ -96,6 +96,14 @@ static void look_around(void *user, size_t begin, size_t end, uint32_t worker) {
     }
 }
 
+// What was found of a layer.
+typedef struct closeness {
+    pci_layering layering;
+    double doubled; // share of the area that sees another sheet within a voxel
+    uint32_t *seen; // #F by 2: what each triangle sees behind and before it within a voxel; NULL:
+                    // parts touch, or one is closed
+} closeness;
+
 // Whether every vertex of the visual mesh lies near the layer.
 typedef struct cover_job {
     const pci_bvh *layer;
@@ -160,20 +168,19 @@ static bool is_wound(pci_scratch *scratch, const pc_mesh *layer, const pci_topol
     return true;
 }
 
-// @param reach  at least this `share` of the vertices of `surface` must be so near to the layer
 // @param edges  of `layer`, or NULL
-// @param doubled  receives the share of the area that sees another sheet within a voxel
-// @param seen   receives what each triangle sees behind and before it within a voxel (#F by 2), or
-//               stays NULL: parts touch, or one is closed
-static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
-                         const pc_mesh *layer, const pci_topology *edges, double thickness,
-                         double cell_size, double reach, double share, pci_layering *layering,
-                         double *doubled, uint32_t **seen) {
+// @param reach  at least this `share` of the vertices of the visual mesh must be so near to `layer`
+// @param found  as it is where parts are closed
+static pc_status measure(const pci_cloth *cloth, const pc_mesh *layer, const pci_topology *edges,
+                         double reach, double share, closeness *found) {
+    pci_scratch *scratch = cloth->scratch;
     pc_context *context = scratch->context;
+    const char *stage = cloth->stage;
+    const pc_mesh *surface = cloth->surface;
     pci_topology built;
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, layer->triangle_count);
-    probe p = {.mesh = layer, .component = component, .reach = cell_size};
-    p.touch_reach = cell_size + thickness;
+    probe p = {.mesh = layer, .component = component, .reach = cloth->cell_size};
+    p.touch_reach = cloth->cell_size + cloth->thickness;
     p.seen = PCI_SCRATCH(scratch, uint32_t, 2 * layer->triangle_count);
     uint8_t *missed = PCI_SCRATCH(scratch, uint8_t, surface->vertex_count);
     if (scratch->failed || (edges == NULL && !pci_topology_build_edges(scratch, layer, &built))) {
@@ -191,92 +198,98 @@ static pc_status measure(pci_scratch *scratch, const char *stage, const pc_mesh 
         return status;
     }
     p.bvh = bvh;
-    cover_job cover = {bvh, surface, reach + thickness, missed};
+    cover_job cover = {bvh, surface, reach + cloth->thickness, missed};
     bool wound = false;
     const bool done =
         pci_parallel_while_wanted(context, layer->triangle_count, grain, look_around, &p) &&
         (atomic_load(&p.touches) ||
          (pci_parallel_while_wanted(context, surface->vertex_count, grain, find_missed, &cover) &&
-          is_wound(scratch, layer, edges, bvh, cell_size, &wound)));
+          is_wound(scratch, layer, edges, bvh, cloth->cell_size, &wound)));
     pci_bvh_destroy(context, bvh);
     if (!done) {
         return pci_fail_memory(context, stage);
     }
     if (!atomic_load(&p.touches)) {
-        *seen = p.seen;
+        found->seen = p.seen;
     }
     size_t missed_count = 0;
     for (size_t v = 0; v < surface->vertex_count; ++v) {
         missed_count += missed[v];
     }
-    *layering = classify(&p, doubled);
+    found->layering = classify(&p, &found->doubled);
     if (wound || (double)missed_count > (1.0 - share) * (double)surface->vertex_count) {
-        *layering = PCI_LAYERED;
+        found->layering = PCI_LAYERED;
     }
     return PC_OK;
 }
 
+static pc_status find_edges(pci_cloth *cloth) {
+    return pci_topology_build_edges(cloth->scratch, &cloth->mesh, &cloth->edges)
+               ? PC_OK
+               : pci_fail_memory(cloth->scratch->context, cloth->stage);
+}
+
 // Joins what ends in the middle of edges of its neighbours, as after a part was made finer.
-static pc_status stitch(pci_scratch *scratch, const char *stage, double cell_size, pc_mesh *cloth,
-                        pci_topology *edges) {
+static pc_status stitch(pci_cloth *cloth) {
+    pci_scratch *scratch = cloth->scratch;
     const struct pci_scratch_block *before = scratch->blocks;
     pc_mesh stitched = {0};
     pci_repair_counts counts;
     bool some = false;
-    pc_status status = pci_stitch_borders(scratch, stage, cloth, edges, stitch_voxels * cell_size,
-                                          &stitched, &some);
+    pc_status status = pci_stitch_borders(scratch, cloth->stage, &cloth->mesh, &cloth->edges,
+                                          stitch_voxels * cloth->cell_size, &stitched, &some);
     pci_scratch_rewind(scratch, before);
     if (status == PC_OK && some) {
-        pc_mesh_free(scratch->context, cloth);
-        status = pci_mesh_repair(scratch, &stitched, NULL, cloth, &counts) &&
-                         pci_topology_build_edges(scratch, cloth, edges)
-                     ? PC_OK
-                     : pci_fail_memory(scratch->context, stage);
+        pc_mesh_free(scratch->context, &cloth->mesh);
+        status = pci_mesh_repair(scratch, &stitched, NULL, &cloth->mesh, &counts)
+                     ? find_edges(cloth)
+                     : pci_fail_memory(scratch->context, cloth->stage);
         pc_mesh_free(scratch->context, &stitched);
     }
     return status;
 }
 
-pc_status pci_visual_cloth(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
-                           double cell_size, pc_mesh *cloth, pci_topology *edges,
-                           double *thickness) {
+pc_status pci_visual_cloth(pci_cloth *cloth) {
     pci_repair_counts counts;
+    pci_scratch *scratch = cloth->scratch;
+    const char *stage = cloth->stage;
     const struct pci_scratch_block *before = scratch->blocks;
-    if (!pci_mesh_repair(scratch, surface, NULL, cloth, &counts) ||
-        !pci_topology_build_edges(scratch, cloth, edges)) {
-        return pci_fail_memory(scratch->context, stage);
+    pc_status status = pci_mesh_repair(scratch, cloth->surface, NULL, &cloth->mesh, &counts)
+                           ? find_edges(cloth)
+                           : pci_fail_memory(scratch->context, stage);
+    if (status == PC_OK) {
+        status = stitch(cloth);
     }
-    pc_status status = stitch(scratch, stage, cell_size, cloth, edges);
     if (status != PC_OK) {
         return status;
     }
-    const size_t whole = cloth->triangle_count;
+    const size_t whole = cloth->mesh.triangle_count;
     const struct pci_scratch_block *after = scratch->blocks;
-    status = pci_peel_shells(scratch, stage, thickest_shell * cell_size, edges, cloth, thickness);
+    status = pci_peel_shells(scratch, stage, thickest_shell * cloth->cell_size, &cloth->edges,
+                             &cloth->mesh, &cloth->thickness);
     pci_scratch_rewind(scratch, after);
     if (status == PC_OK) {
-        status = pci_drop_hidden(scratch, stage, cell_size, cloth);
+        status = pci_drop_hidden(scratch, stage, cloth->cell_size, &cloth->mesh);
         pci_scratch_rewind(scratch, after);
     }
-    if (status == PC_OK && cloth->triangle_count < whole) {
+    if (status == PC_OK && cloth->mesh.triangle_count < whole) {
         pci_scratch_rewind(scratch, before);
-        status = pci_topology_build_edges(scratch, cloth, edges)
-                     ? PC_OK
-                     : pci_fail_memory(scratch->context, stage);
+        status = find_edges(cloth);
     }
     return status;
 }
 
-static pc_status begin_layer(pci_scratch *scratch, const char *stage, const pc_mesh *cloth,
-                             const pci_topology *edges, double cell_size, pc_mesh *layer,
-                             uint64_t *filled_loops) {
+// The cloth with small holes filled.
+static pc_status begin_layer(const pci_cloth *cloth, pc_mesh *layer, uint64_t *filled_loops) {
+    pci_scratch *scratch = cloth->scratch;
     const struct pci_scratch_block *mark = scratch->blocks;
-    const pci_hole_limits holes = {
-        .most_edges = SIZE_MAX, .longest = smallest_opening * cell_size, .missing_faces = true};
+    const pci_hole_limits holes = {.most_edges = SIZE_MAX,
+                                   .longest = smallest_opening * cloth->cell_size,
+                                   .missing_faces = true};
     const pc_status status =
-        pci_mesh_compact(scratch, cloth, NULL, layer, NULL)
-            ? pci_fill_loops(scratch, stage, edges, &holes, layer, filled_loops)
-            : pci_fail_memory(scratch->context, stage);
+        pci_mesh_compact(scratch, &cloth->mesh, NULL, layer, NULL)
+            ? pci_fill_loops(scratch, cloth->stage, &cloth->edges, &holes, layer, filled_loops)
+            : pci_fail_memory(scratch->context, cloth->stage);
     pci_scratch_rewind(scratch, mark);
     if (status != PC_OK) {
         pc_mesh_free(scratch->context, layer);
@@ -287,54 +300,48 @@ static pc_status begin_layer(pci_scratch *scratch, const char *stage, const pc_m
 // Hems and collars that are turned over make a second ply: without them the layer may be plain.
 // Where layers go with them and others stay, it is layered. Where nothing can be cut off, or next
 // to nothing of the layers goes with it, two sides of the cloth lie close, and a folded sheet stays
-// one. `seen`: by the layer's triangles, or NULL; `doubled`: share of its area.
-static pc_status try_peeling(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
-                             const uint32_t *seen, double doubled, double thickness,
-                             double cell_size, double reach, pc_mesh *layer,
-                             pci_layering *layering) {
+// one.
+// @param found  of the layer; `layering` may change
+static pc_status try_peeling(const pci_cloth *cloth, double reach, pc_mesh *layer,
+                             closeness *found) {
+    pci_scratch *scratch = cloth->scratch;
     bool peeled = false;
     pc_mesh rest = {0};
-    pci_layering without = PCI_LAYERED;
-    double left = 0.0;
-    uint32_t *seen_then = NULL;
+    closeness without = {.layering = PCI_LAYERED};
     pc_status status = pci_mesh_compact(scratch, layer, NULL, &rest, NULL)
-                           ? pci_peel_linings(scratch, stage, seen, cell_size, 0.0, &rest, &peeled)
-                           : pci_fail_memory(scratch->context, stage);
+                           ? pci_peel_linings(scratch, cloth->stage, found->seen, cloth->cell_size,
+                                              0.0, &rest, &peeled)
+                           : pci_fail_memory(scratch->context, cloth->stage);
     if (status == PC_OK && peeled) {
-        status = measure(scratch, stage, surface, &rest, NULL, thickness, cell_size, reach,
-                         least_covered, &without, &left, &seen_then);
+        status = measure(cloth, &rest, NULL, reach, least_covered, &without);
     }
-    if (status == PC_OK && without == PCI_PLAIN) {
+    if (status == PC_OK && without.layering == PCI_PLAIN) {
         const pc_mesh swapped = *layer;
         *layer = rest;
         rest = swapped;
-        *layering = PCI_PLAIN;
-    } else if (peeled && doubled - left > least_lined * doubled) {
-        *layering = PCI_LAYERED;
+        found->layering = PCI_PLAIN;
+    } else if (peeled && found->doubled - without.doubled > least_lined * found->doubled) {
+        found->layering = PCI_LAYERED;
     }
     pc_mesh_free(scratch->context, &rest);
     return status;
 }
 
-pc_status pci_visual_layer(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
-                           const pc_mesh *cloth, const pci_topology *edges, double thickness,
-                           double cell_size, bool always, pc_mesh *layer, pci_layering *layering,
-                           uint64_t *filled_loops) {
+pc_status pci_visual_layer(const pci_cloth *cloth, bool always, pc_mesh *layer,
+                           pci_layering *layering, uint64_t *filled_loops) {
+    pci_scratch *scratch = cloth->scratch;
     const struct pci_scratch_block *mark = scratch->blocks;
-    *layering = PCI_LAYERED;
-    pc_status status = begin_layer(scratch, stage, cloth, edges, cell_size, layer, filled_loops);
+    closeness found = {.layering = PCI_LAYERED};
+    pc_status status = begin_layer(cloth, layer, filled_loops);
     if (status == PC_OK && layer->triangle_count > 0 && !always) {
-        const bool same = layer->triangle_count == cloth->triangle_count;
-        uint32_t *seen = NULL;
-        double doubled = 0.0;
-        status = measure(scratch, stage, surface, layer, same ? edges : NULL, thickness, cell_size,
-                         cell_size, 1.0, layering, &doubled, &seen);
-        if (status == PC_OK && *layering != PCI_PLAIN && seen != NULL) {
-            status = try_peeling(scratch, stage, surface, seen, doubled, thickness, cell_size,
-                                 lining_voxels * cell_size, layer, layering);
+        const bool same = layer->triangle_count == cloth->mesh.triangle_count;
+        status = measure(cloth, layer, same ? &cloth->edges : NULL, cloth->cell_size, 1.0, &found);
+        if (status == PC_OK && found.layering != PCI_PLAIN && found.seen != NULL) {
+            status = try_peeling(cloth, lining_voxels * cloth->cell_size, layer, &found);
         }
         pci_scratch_rewind(scratch, mark);
     }
+    *layering = found.layering;
     if (status != PC_OK || (*layering == PCI_LAYERED && !always)) {
         pc_mesh_free(scratch->context, layer);
     }
@@ -370,129 +377,127 @@ static bool find_longest(pci_scratch *scratch, const pc_mesh *mesh, const pci_to
     return true;
 }
 
-// Whether at least half of each component of `cloth` is near to a part of it.
-static pc_status find_worn(pci_scratch *scratch, const char *stage, const pc_mesh *cloth,
-                           const uint32_t *component, size_t count, const pc_mesh *part,
-                           double reach, bool *worn) {
+// Whether at least half of each component of the cloth is near to a part of it.
+static pc_status find_worn(const pci_cloth *cloth, const uint32_t *component, size_t count,
+                           const pc_mesh *part, bool *worn) {
+    pci_scratch *scratch = cloth->scratch;
+    const pc_mesh *mesh = &cloth->mesh;
     pci_bvh *bvh = NULL;
-    uint8_t *missed = PCI_SCRATCH(scratch, uint8_t, cloth->vertex_count);
+    uint8_t *missed = PCI_SCRATCH(scratch, uint8_t, mesh->vertex_count);
     size_t *near = PCI_SCRATCH(scratch, size_t, 2 * count);
     if (scratch->failed) {
-        return pci_fail_memory(scratch->context, stage);
+        return pci_fail_memory(scratch->context, cloth->stage);
     }
-    const pc_status status = pci_bvh_create(scratch->context, stage, part, &bvh);
+    const pc_status status = pci_bvh_create(scratch->context, cloth->stage, part, &bvh);
     if (status != PC_OK) {
         return status;
     }
-    cover_job cover = {bvh, cloth, reach, missed};
-    const bool done = pci_parallel_while_wanted(scratch->context, cloth->vertex_count, grain,
-                                                find_missed, &cover);
+    cover_job cover = {bvh, mesh, attached_voxels * cloth->cell_size, missed};
+    const bool done =
+        pci_parallel_while_wanted(scratch->context, mesh->vertex_count, grain, find_missed, &cover);
     pci_bvh_destroy(scratch->context, bvh);
-    for (size_t i = 0; i < 3 * cloth->triangle_count; ++i) {
-        ++near[2 * (size_t)component[i / 3] + missed[cloth->triangles[i]]];
+    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
+        ++near[2 * (size_t)component[i / 3] + missed[mesh->triangles[i]]];
     }
     *worn = true;
     for (size_t i = 0; i < count; ++i) {
         *worn = *worn && near[2 * i] >= near[2 * i + 1];
     }
-    return done ? PC_OK : pci_fail_memory(scratch->context, stage);
+    return done ? PC_OK : pci_fail_memory(scratch->context, cloth->stage);
 }
 
-// The longest open part of several, if the others are put onto it, with small holes filled; else
-// empty.
-static pc_status begin_bare(pci_scratch *scratch, const char *stage, const pc_mesh *cloth,
-                            const pci_topology *edges, double cell_size, pc_mesh *layer,
-                            uint64_t *filled_loops) {
-    pc_mesh bare = {0};
-    pci_topology own;
+// The longest open part of several, if the others are put onto it.
+// @param bare  receives its mesh and edges; else they stay empty
+static pc_status find_bare(const pci_cloth *cloth, pci_cloth *bare) {
+    pci_scratch *scratch = cloth->scratch;
+    const pc_mesh *mesh = &cloth->mesh;
     size_t longest = 0;
     bool worn = false;
-    uint32_t *component = PCI_SCRATCH(scratch, uint32_t, cloth->triangle_count);
-    uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, cloth->triangle_count);
+    uint32_t *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
+    uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, mesh->triangle_count);
     if (scratch->failed) {
-        return pci_fail_memory(scratch->context, stage);
+        return pci_fail_memory(scratch->context, cloth->stage);
     }
-    const size_t count = pci_triangle_components(scratch, cloth, edges, component);
-    if (!find_longest(scratch, cloth, edges, component, count, &longest)) {
-        return pci_fail_memory(scratch->context, stage);
+    const size_t count = pci_triangle_components(scratch, mesh, &cloth->edges, component);
+    if (!find_longest(scratch, mesh, &cloth->edges, component, count, &longest)) {
+        return pci_fail_memory(scratch->context, cloth->stage);
     }
     if (count < 2 || longest == count) {
         return PC_OK;
     }
-    for (size_t t = 0; t < cloth->triangle_count; ++t) {
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
         keep[t] = component[t] == longest;
     }
-    pc_status status = pci_mesh_compact(scratch, cloth, keep, &bare, NULL)
-                           ? find_worn(scratch, stage, cloth, component, count, &bare,
-                                       attached_voxels * cell_size, &worn)
-                           : pci_fail_memory(scratch->context, stage);
+    pc_status status = pci_mesh_compact(scratch, mesh, keep, &bare->mesh, NULL)
+                           ? find_worn(cloth, component, count, &bare->mesh, &worn)
+                           : pci_fail_memory(scratch->context, cloth->stage);
     if (status == PC_OK && worn) {
-        status = pci_topology_build_edges(scratch, &bare, &own)
-                     ? begin_layer(scratch, stage, &bare, &own, cell_size, layer, filled_loops)
-                     : pci_fail_memory(scratch->context, stage);
+        status = find_edges(bare);
+    } else {
+        pc_mesh_free(scratch->context, &bare->mesh);
     }
-    pc_mesh_free(scratch->context, &bare);
     return status;
 }
 
-pc_status pci_bare_layer(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
-                         const pc_mesh *cloth, const pci_topology *edges, double cell_size,
-                         pc_mesh *layer, uint64_t *filled_loops, bool *covers) {
+pc_status pci_bare_layer(const pci_cloth *cloth, pc_mesh *layer, uint64_t *filled_loops,
+                         bool *covers) {
+    pci_scratch *scratch = cloth->scratch;
     const struct pci_scratch_block *mark = scratch->blocks;
-    const double reach = attached_voxels * cell_size;
-    pci_layering layering = PCI_LAYERED;
-    double doubled = 0.0;
-    uint32_t *seen = NULL;
-    pc_status status = begin_bare(scratch, stage, cloth, edges, cell_size, layer, filled_loops);
+    const double reach = attached_voxels * cloth->cell_size;
+    closeness found = {.layering = PCI_LAYERED};
+    // Of its own: how thick shells elsewhere are does not matter.
+    pci_cloth bare = {.scratch = scratch,
+                      .stage = cloth->stage,
+                      .surface = cloth->surface,
+                      .cell_size = cloth->cell_size};
+    pc_status status = find_bare(cloth, &bare);
+    if (status == PC_OK && bare.mesh.triangle_count > 0) {
+        status = begin_layer(&bare, layer, filled_loops);
+    }
+    pc_mesh_free(scratch->context, &bare.mesh);
     *covers = false;
     if (status == PC_OK && layer->triangle_count > 0) {
-        status = measure(scratch, stage, surface, layer, NULL, 0.0, cell_size, reach, 1.0,
-                         &layering, &doubled, &seen);
-        *covers = layering == PCI_PLAIN;
+        status = measure(&bare, layer, NULL, reach, 1.0, &found);
+        *covers = found.layering == PCI_PLAIN;
     }
     if (status == PC_OK && layer->triangle_count > 0 && !*covers) {
-        status = measure(scratch, stage, surface, layer, NULL, 0.0, cell_size, reach, 0.0,
-                         &layering, &doubled, &seen);
+        status = measure(&bare, layer, NULL, reach, 0.0, &found);
     }
     pci_scratch_rewind(scratch, mark);
-    if (status != PC_OK || layering != PCI_PLAIN) {
+    if (status != PC_OK || found.layering != PCI_PLAIN) {
         pc_mesh_free(scratch->context, layer);
     }
     return status;
 }
 
-pc_status pci_tailored_layer(pci_scratch *scratch, const char *stage, const pc_mesh *surface,
-                             const pc_mesh *cloth, const pci_topology *edges, const pc_mesh *side,
-                             double thickness, double cell_size, pc_mesh *layer,
+pc_status pci_tailored_layer(const pci_cloth *cloth, const pc_mesh *side, pc_mesh *layer,
                              uint64_t *filled_loops) {
-    pci_layering layering = PCI_LAYERED;
+    pci_scratch *scratch = cloth->scratch;
+    const char *stage = cloth->stage;
+    const double reach = sewing_voxels * cloth->cell_size;
     bool sewn = false;
-    uint32_t *seen = NULL;
-    double doubled = 0.0;
+    closeness found = {.layering = PCI_LAYERED};
     const struct pci_scratch_block *mark = scratch->blocks;
-    pc_status status = begin_layer(scratch, stage, cloth, edges, cell_size, layer, filled_loops);
+    pc_status status = begin_layer(cloth, layer, filled_loops);
     if (status == PC_OK && layer->triangle_count > 0) {
         status = pci_face_like(scratch, stage, side, false, layer);
     }
     if (status == PC_OK && layer->triangle_count > 0) {
-        status = pci_sew_parts(scratch, stage, sewing_voxels * cell_size, layer, &sewn);
+        status = pci_sew_parts(scratch, stage, reach, layer, &sewn);
     }
-    const double reach = sewing_voxels * cell_size;
     if (status == PC_OK && sewn) {
-        status = measure(scratch, stage, surface, layer, NULL, thickness, cell_size, reach,
-                         least_covered, &layering, &doubled, &seen);
+        status = measure(cloth, layer, NULL, reach, least_covered, &found);
     }
     // Closed parts, and parts that touch each other, are so without their linings, too.
-    if (status == PC_OK && layering != PCI_PLAIN && seen != NULL) {
-        status = try_peeling(scratch, stage, surface, seen, doubled, thickness, cell_size, reach,
-                             layer, &layering);
+    if (status == PC_OK && found.layering != PCI_PLAIN && found.seen != NULL) {
+        status = try_peeling(cloth, reach, layer, &found);
     }
-    if (status == PC_OK && layering != PCI_LAYERED &&
-        !pci_close_slits(scratch, front_voxels * cell_size, layer)) {
+    if (status == PC_OK && found.layering != PCI_LAYERED &&
+        !pci_close_slits(scratch, front_voxels * cloth->cell_size, layer)) {
         status = pci_fail_memory(scratch->context, stage);
     }
     pci_scratch_rewind(scratch, mark);
-    if (status != PC_OK || layering == PCI_LAYERED) {
+    if (status != PC_OK || found.layering == PCI_LAYERED) {
         pc_mesh_free(scratch->context, layer);
     }
     return status;

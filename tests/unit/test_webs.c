@@ -41,19 +41,19 @@ static void run_to_layer(pc_context *context, const pc_mesh *mesh, pc_asset *ass
 
 // The share of the layer that is more than half a voxel away from the cloth.
 static double bridged_share(pc_context *context, const pc_asset *asset) {
-    const pc_mesh *layer = &asset->single_layer;
+    pc_mesh layer = asset->single_layer;
+    pci_scratch scratch = pci_scratch_begin(context);
     pci_bvh *bvh = NULL;
-    uint8_t *away = calloc(layer->triangle_count, 1);
-    assert_non_null(away);
     assert_ok(context, pci_bvh_create(context, "test", &asset->visual.surface, &bvh));
-    assert_true(pci_find_away(context, bvh, layer, asset->grid.cell_size, away));
+    pci_webbed webbed = {.cloth = bvh, .cell_size = asset->grid.cell_size, .layer = &layer};
+    assert_true(pci_find_away(&scratch, &webbed));
     double sum = 0.0;
-    for (size_t t = 0; t < layer->triangle_count; ++t) {
-        sum += away[t] == PCI_BRIDGE ? pci_triangle_area(layer, t) : 0.0;
+    for (size_t t = 0; t < layer.triangle_count; ++t) {
+        sum += webbed.away[t] == PCI_BRIDGE ? pci_triangle_area(&layer, t) : 0.0;
     }
     pci_bvh_destroy(context, bvh);
-    free(away);
-    return sum / pc_mesh_area(layer);
+    pci_scratch_end(&scratch);
+    return sum / pc_mesh_area(&layer);
 }
 
 // The share that is left of webs between such legs. `gap` between triangles; 0: they hang together.

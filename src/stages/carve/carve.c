@@ -225,17 +225,16 @@ static pc_status cut(const carve_job *job, const pci_bvh *visual, const pci_rims
 
 // The projected mesh lies on the cloth but where the voxels bridge a gap. `share` receives such
 // triangles' share of the layer's area.
-static bool find_bridges(pci_scratch *scratch, const pci_bvh *cloth, const pc_mesh *layer,
-                         double cell_size, uint8_t **away, double *share) {
-    *away = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
-    if (*away == NULL || !pci_find_away(scratch->context, cloth, layer, cell_size, *away)) {
+static bool find_bridges(pci_scratch *scratch, pci_webbed *webbed, double *share) {
+    if (!pci_find_away(scratch, webbed)) {
         return false;
     }
+    const pc_mesh *layer = webbed->layer;
     double total = 0.0, sum = 0.0;
     for (size_t t = 0; t < layer->triangle_count; ++t) {
         const double area = pci_triangle_area(layer, t);
         total += area;
-        sum += (*away)[t] == PCI_BRIDGE ? area : 0.0;
+        sum += webbed->away[t] == PCI_BRIDGE ? area : 0.0;
     }
     *share = total > 0.0 ? sum / total : 0.0;
     return true;
@@ -300,8 +299,7 @@ static bool close_cracks(pci_scratch *scratch, const pc_mesh *cloth, const pci_t
 
 // Mends what webs it can, from the cloth or else the other side of the projected mesh: the layer
 // keeps its shape.
-static pc_status mend_bridges(const carve_job *job, const pci_bvh *visual, uint8_t *away,
-                              pci_shape *shape, pc_mesh *layer) {
+static pc_status mend_bridges(const carve_job *job, pci_webbed *webbed) {
     pci_scratch *scratch = job->cloth->scratch;
     pc_mesh turned = {0};
     const uint8_t *kept = kept_triangles(job);
@@ -311,16 +309,14 @@ static pc_status mend_bridges(const carve_job *job, const pci_bvh *visual, uint8
         return pci_fail_memory(scratch->context, stage);
     }
     pci_scratch_rewind(scratch, mark);
-    pc_status status = pci_face_like(scratch, stage, layer, true, &turned);
+    pc_status status = pci_face_like(scratch, stage, webbed->layer, true, &turned);
     pci_scratch_rewind(scratch, mark);
     if (status == PC_OK) {
-        status = pci_mend_webs(scratch, stage, visual, &turned, NULL, cloth_rings,
-                               job->cloth->cell_size, shape, &away, layer);
+        status = pci_mend_webs(scratch, stage, &turned, NULL, cloth_rings, webbed);
     }
     pc_mesh_free(scratch->context, &turned);
     return status == PC_OK
-               ? pci_mend_webs(scratch, stage, visual, job->projected, kept, projected_rings,
-                               job->cloth->cell_size, shape, &away, layer)
+               ? pci_mend_webs(scratch, stage, job->projected, kept, projected_rings, webbed)
                : status;
 }
 
@@ -503,12 +499,12 @@ static pc_status try_bare(const carve_job *job, const pci_bvh *visual, const pci
 static pc_status bridge_gaps(const carve_job *job, const pci_bvh *visual, pci_shape *shape,
                              pc_mesh *layer, pc_carve_report *report) {
     pci_scratch *scratch = job->cloth->scratch;
-    uint8_t *away = NULL;
+    pci_webbed webbed = {
+        .cloth = visual, .cell_size = job->cloth->cell_size, .layer = layer, .shape = shape};
     double share = 0.0;
     bool taken = false;
-    pc_status status = find_bridges(scratch, visual, layer, job->cloth->cell_size, &away, &share)
-                           ? PC_OK
-                           : pci_fail_memory(scratch->context, stage);
+    pc_status status =
+        find_bridges(scratch, &webbed, &share) ? PC_OK : pci_fail_memory(scratch->context, stage);
     if (status == PC_OK && shall_be_tailored(job, share, shape->components)) {
         status = try_tailoring(job, shape, layer, report, &taken);
     }
@@ -516,7 +512,7 @@ static pc_status bridge_gaps(const carve_job *job, const pci_bvh *visual, pci_sh
         return status;
     }
     if (share > 0.0) {
-        status = mend_bridges(job, visual, away, shape, layer);
+        status = mend_bridges(job, &webbed);
     }
     if (status == PC_OK) {
         status = measure(job, layer, shape, report);

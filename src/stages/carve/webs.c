@@ -114,32 +114,27 @@ static bool find_patches(pci_scratch *scratch, const pc_mesh *mesh, const uint8_
 
 // ---- webs ---------------------------------------------------------------------------------------
 
-typedef struct away_job {
-    const pci_bvh *cloth;
-    const pc_mesh *layer;
-    double cell_size;
-    uint8_t *away; // #F
-} away_job;
-
 static void mark_away(void *user, size_t begin, size_t end, uint32_t worker) {
     (void)worker;
-    const away_job *job = user;
+    pci_webbed *webbed = user;
     uint32_t last = PC_INVALID_INDEX;
     for (size_t t = begin; t < end; ++t) {
         double middle[3];
-        pci_triangle_middle(job->layer, t, middle);
-        job->away[t] =
-            pci_bvh_within_near(job->cloth, middle, web_voxels * job->cell_size, &last) ? PCI_NEAR
-            : pci_bvh_within_near(job->cloth, middle, bridge_voxels * job->cell_size, &last)
+        pci_triangle_middle(webbed->layer, t, middle);
+        webbed->away[t] =
+            pci_bvh_within_near(webbed->cloth, middle, web_voxels * webbed->cell_size, &last)
+                ? PCI_NEAR
+            : pci_bvh_within_near(webbed->cloth, middle, bridge_voxels * webbed->cell_size, &last)
                 ? PCI_AWAY
                 : PCI_BRIDGE;
     }
 }
 
-bool pci_find_away(pc_context *context, const pci_bvh *cloth, const pc_mesh *layer,
-                   double cell_size, uint8_t *away) {
-    away_job job = {cloth, layer, cell_size, away};
-    return pci_parallel_while_wanted(context, layer->triangle_count, grain, mark_away, &job);
+bool pci_find_away(pci_scratch *scratch, pci_webbed *webbed) {
+    const size_t count = webbed->layer->triangle_count;
+    webbed->away = PCI_SCRATCH(scratch, uint8_t, count);
+    return webbed->away != NULL &&
+           pci_parallel_while_wanted(scratch->context, count, grain, mark_away, webbed);
 }
 
 // Marks connected pieces of what is away that have a bridge. False: out of memory.
@@ -323,9 +318,7 @@ static bool fill_walls(pci_scratch *scratch, const pc_mesh *mesh, const pci_topo
 // ---- replacement --------------------------------------------------------------------------------
 
 typedef struct mending {
-    const pci_bvh *cloth;
-    const pc_mesh *layer;
-    double cell_size;
+    const pci_webbed *webbed;
     patches *webs, *walls;
     double *bridged;   // by web, area
     size_t first_wall; // number of the first vertex of the walls
@@ -381,13 +374,14 @@ static double mean_distance(const pci_loop *wall, const pci_loop *web) {
 
 static void position_of(const mending *m, uint32_t v, double out[3]) {
     const double *from = v < m->first_wall
-                             ? &m->layer->positions[3 * (size_t)v]
+                             ? &m->webbed->layer->positions[3 * (size_t)v]
                              : &m->walls->mesh.positions[3 * ((size_t)v - m->first_wall)];
     memcpy(out, from, 3 * sizeof(*out));
 }
 
 // The area of what was sewn that bridges gaps like the web did.
 static double area_bridged(const mending *m, size_t begin) {
+    const double reach = bridge_voxels * m->webbed->cell_size;
     double sum = 0.0;
     uint32_t last = PC_INVALID_INDEX;
     for (size_t t = begin; t < m->count; ++t) {
@@ -398,7 +392,7 @@ static double area_bridged(const mending *m, size_t begin) {
             position_of(m, m->triangles[3 * t + c], &points[3 * c]);
         }
         pci_triangle_middle(&one, 0, middle);
-        sum += pci_bvh_within_near(m->cloth, middle, bridge_voxels * m->cell_size, &last)
+        sum += pci_bvh_within_near(m->webbed->cloth, middle, reach, &last)
                    ? 0.0
                    : pci_triangle_area(&one, 0);
     }
@@ -411,12 +405,12 @@ static bool mend(pci_scratch *scratch, mending *m, size_t number, bool *mended) 
     const patch *web = &m->webs->list[number];
     size_t chosen = m->walls->count;
     pci_seam seam = {0};
+    const double reach = seam_voxels * m->webbed->cell_size;
     double nearest = HUGE_VAL;
     for (size_t i = 0; i < m->walls->count; ++i) {
         const patch *wall = &m->walls->list[i];
         pci_seam found;
-        if (!wall->taken &&
-            pci_find_seam(&web->border, &wall->border, seam_voxels * m->cell_size, &found) &&
+        if (!wall->taken && pci_find_seam(&web->border, &wall->border, reach, &found) &&
             found.steps == wall->border.count) {
             const double distance = mean_distance(&wall->border, &web->border);
             if (distance < nearest) {
@@ -440,8 +434,9 @@ static bool mend(pci_scratch *scratch, mending *m, size_t number, bool *mended) 
 }
 
 // The layer with what was sewn in the place of mended webs.
-static bool assemble(pci_scratch *scratch, const pc_mesh *layer, const uint8_t *web,
-                     const bool *mended, const mending *m, pc_mesh *result) {
+static bool assemble(pci_scratch *scratch, const uint8_t *web, const bool *mended, const mending *m,
+                     pc_mesh *result) {
+    const pc_mesh *layer = m->webbed->layer;
     const pc_mesh *walls = &m->walls->mesh;
     pc_mesh sum = {.vertex_count = m->first_wall + walls->vertex_count};
     sum.positions = PCI_SCRATCH(scratch, double, 3 * sum.vertex_count);
@@ -468,44 +463,38 @@ static bool assemble(pci_scratch *scratch, const pc_mesh *layer, const uint8_t *
 }
 
 // Takes the mended layer if it has the shape of the other: `taken`.
-static bool take_mended(pci_scratch *scratch, pc_mesh *mended, pci_shape *shape, pc_mesh *layer,
-                        bool *taken) {
+static bool take_mended(pci_scratch *scratch, pc_mesh *mended, pci_webbed *webbed, bool *taken) {
     pci_shape after;
     if (!pci_find_shape(scratch, mended, &after)) {
         return false;
     }
-    if (pci_same_topology(shape, &after)) {
-        const pc_mesh swapped = *layer;
-        *layer = *mended;
+    if (pci_same_topology(webbed->shape, &after)) {
+        const pc_mesh swapped = *webbed->layer;
+        *webbed->layer = *mended;
         *mended = swapped;
-        *shape = after;
+        *webbed->shape = after;
         *taken = true;
     }
     return true;
 }
 
 // Adds up what of each web bridges a gap. False: out of memory.
-static bool sum_bridged(pci_scratch *scratch, const pc_mesh *layer, const uint8_t *web,
-                        const uint8_t *away, mending *m) {
+static bool sum_bridged(pci_scratch *scratch, const uint8_t *web, mending *m) {
+    const pci_webbed *webbed = m->webbed;
     m->bridged = PCI_SCRATCH(scratch, double, m->webs->count);
-    for (size_t t = 0, i = 0; t < layer->triangle_count && m->bridged != NULL; ++t) {
+    for (size_t t = 0, i = 0; t < webbed->layer->triangle_count && m->bridged != NULL; ++t) {
         if (web[t]) {
             m->bridged[m->webs->component[i++]] +=
-                away[t] == PCI_BRIDGE ? pci_triangle_area(layer, t) : 0.0;
+                webbed->away[t] == PCI_BRIDGE ? pci_triangle_area(webbed->layer, t) : 0.0;
         }
     }
     return m->bridged != NULL;
 }
 
-static bool replace_webs(pci_scratch *scratch, const pci_bvh *cloth, const uint8_t *web,
-                         const uint8_t *away, patches *webs, patches *walls, double cell_size,
-                         pci_shape *shape, pc_mesh *layer, bool *taken) {
-    mending m = {.cloth = cloth,
-                 .layer = layer,
-                 .cell_size = cell_size,
-                 .webs = webs,
-                 .walls = walls,
-                 .first_wall = layer->vertex_count};
+static bool replace_webs(pci_scratch *scratch, pci_webbed *webbed, const uint8_t *web,
+                         patches *webs, patches *walls, bool *taken) {
+    mending m = {
+        .webbed = webbed, .webs = webs, .walls = walls, .first_wall = webbed->layer->vertex_count};
     size_t most = walls->mesh.triangle_count;
     for (size_t i = 0; i < webs->count; ++i) {
         most += webs->list[i].border.count;
@@ -515,7 +504,7 @@ static bool replace_webs(pci_scratch *scratch, const pci_bvh *cloth, const uint8
     }
     bool *mended = PCI_SCRATCH(scratch, bool, webs->count);
     m.triangles = PCI_SCRATCH(scratch, uint32_t, 3 * most);
-    if (scratch->failed || !sum_bridged(scratch, layer, web, away, &m)) {
+    if (scratch->failed || !sum_bridged(scratch, web, &m)) {
         return false;
     }
     for (size_t i = 0; i < webs->count; ++i) {
@@ -527,8 +516,8 @@ static bool replace_webs(pci_scratch *scratch, const pci_bvh *cloth, const uint8
         return true;
     }
     pc_mesh result = {0};
-    const bool done = assemble(scratch, layer, web, mended, &m, &result) &&
-                      take_mended(scratch, &result, shape, layer, taken);
+    const bool done =
+        assemble(scratch, web, mended, &m, &result) && take_mended(scratch, &result, webbed, taken);
     pc_mesh_free(scratch->context, &result);
     return done;
 }
@@ -537,41 +526,13 @@ static bool replace_webs(pci_scratch *scratch, const pci_bvh *cloth, const uint8
 
 // What walls are looked for in.
 typedef struct quarry {
-    const pci_bvh *cloth;
+    pci_webbed *webbed;
     const pc_mesh *mesh;
     pci_topology topology; // its edges, where they were asked for
     pci_scratch *scratch;  // of those
     const uint8_t *kept;
     uint8_t most_rings;
-    double cell_size;
-    pci_shape *shape; // of the layer
 } quarry;
-
-// Takes walls that begin at most so many rings before the border. False: out of memory, or
-// cancelled.
-static bool try_walls(pci_scratch *scratch, quarry *q, const uint8_t *beyond, uint8_t rings,
-                      const uint8_t *web, const uint8_t *away, patches *webs, pc_mesh *layer,
-                      bool *mended) {
-    patches walls = {0};
-    uint8_t *marked = PCI_SCRATCH(scratch, uint8_t, q->mesh->triangle_count);
-    for (size_t t = 0; t < q->mesh->triangle_count && marked != NULL; ++t) {
-        marked[t] = beyond[t] > 0 && beyond[t] <= rings;
-    }
-    bool done = marked != NULL &&
-                (q->topology.edges != NULL ||
-                 pci_topology_build_edges(q->scratch, q->mesh, &q->topology)) &&
-                fill_walls(scratch, q->mesh, &q->topology, marked) &&
-                find_patches(scratch, q->mesh, marked, &walls);
-    if (done) {
-        for (size_t i = 0; i < walls.count; ++i) {
-            walls.list[i].taken = !is_disc(&walls.list[i]);
-        }
-        done = replace_webs(scratch, q->cloth, web, away, webs, &walls, q->cell_size, q->shape,
-                            layer, mended);
-    }
-    pc_mesh_free(scratch->context, &walls.mesh);
-    return done;
-}
 
 // The webs of a layer and what lies around them, which two threads find side by side.
 typedef struct survey {
@@ -605,17 +566,42 @@ static pc_status survey_nth(void *user, size_t index, pc_context *own) {
     return status;
 }
 
+// Takes walls that begin at most so many rings before the border. False: out of memory, or
+// cancelled.
+static bool try_walls(pci_scratch *scratch, quarry *q, const uint8_t *beyond, uint8_t rings,
+                      survey *s, bool *mended) {
+    patches walls = {0};
+    uint8_t *marked = PCI_SCRATCH(scratch, uint8_t, q->mesh->triangle_count);
+    for (size_t t = 0; t < q->mesh->triangle_count && marked != NULL; ++t) {
+        marked[t] = beyond[t] > 0 && beyond[t] <= rings;
+    }
+    bool done = marked != NULL &&
+                (q->topology.edges != NULL ||
+                 pci_topology_build_edges(q->scratch, q->mesh, &q->topology)) &&
+                fill_walls(scratch, q->mesh, &q->topology, marked) &&
+                find_patches(scratch, q->mesh, marked, &walls);
+    if (done) {
+        for (size_t i = 0; i < walls.count; ++i) {
+            walls.list[i].taken = !is_disc(&walls.list[i]);
+        }
+        done = replace_webs(scratch, q->webbed, s->web, &s->webs, &walls, mended);
+    }
+    pc_mesh_free(scratch->context, &walls.mesh);
+    return done;
+}
+
 // One go at all webs there are. `rings` is the first number of rings to try, and then the next.
-static pc_status mend_once(pci_scratch *scratch, const char *stage, quarry *q, const uint8_t *away,
-                           uint8_t *rings, pc_mesh *layer, bool *mended) {
+static pc_status mend_once(pci_scratch *scratch, const char *stage, quarry *q, uint8_t *rings,
+                           bool *mended) {
     pc_context *context = scratch->context;
+    const pc_mesh *layer = q->webbed->layer;
     pci_topology topology;
     uint8_t *web = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
     uint8_t *corners = PCI_SCRATCH(scratch, uint8_t, layer->vertex_count);
     uint8_t *beyond = PCI_SCRATCH(scratch, uint8_t, q->mesh->triangle_count);
     *mended = false;
     if (scratch->failed || !pci_topology_build_edges(scratch, layer, &topology) ||
-        !mark_webs(scratch, layer, &topology, away, web)) {
+        !mark_webs(scratch, layer, &topology, q->webbed->away, web)) {
         return pci_fail_memory(context, stage);
     }
     widen(layer, web, corners);
@@ -636,7 +622,7 @@ static pc_status mend_once(pci_scratch *scratch, const char *stage, quarry *q, c
     const bool some = !atomic_load(&s.none);
     if (status == PC_OK && some) {
         beyond_job job = {s.rest.bvh,  &s.rest.mesh, q->mesh,
-                          s.rest.ring, q->kept,      wall_voxels * q->cell_size,
+                          s.rest.ring, q->kept,      wall_voxels * q->webbed->cell_size,
                           beyond};
         status =
             pci_parallel_while_wanted(context, q->mesh->triangle_count, grain, find_beyond, &job)
@@ -646,7 +632,7 @@ static pc_status mend_once(pci_scratch *scratch, const char *stage, quarry *q, c
     pci_bvh_destroy(context, s.rest.bvh);
     pc_mesh_free(context, &s.rest.mesh);
     for (; *rings <= q->most_rings && some && !*mended && status == PC_OK; ++*rings) {
-        status = try_walls(scratch, q, beyond, *rings, web, away, &s.webs, layer, mended)
+        status = try_walls(scratch, q, beyond, *rings, &s, mended)
                      ? PC_OK
                      : pci_fail_memory(context, stage);
     }
@@ -654,29 +640,22 @@ static pc_status mend_once(pci_scratch *scratch, const char *stage, quarry *q, c
     return status;
 }
 
-pc_status pci_mend_webs(pci_scratch *scratch, const char *stage, const pci_bvh *cloth,
-                        const pc_mesh *other, const uint8_t *kept, uint8_t most_rings,
-                        double cell_size, pci_shape *shape, uint8_t **away, pc_mesh *layer) {
+pc_status pci_mend_webs(pci_scratch *scratch, const char *stage, const pc_mesh *other,
+                        const uint8_t *kept, uint8_t most_rings, pci_webbed *webbed) {
     pci_scratch kept_longer = pci_scratch_begin(scratch->context);
-    quarry q = {.cloth = cloth,
+    quarry q = {.webbed = webbed,
                 .mesh = other,
                 .scratch = &kept_longer,
                 .kept = kept,
-                .most_rings = most_rings,
-                .cell_size = cell_size,
-                .shape = shape};
+                .most_rings = most_rings};
     pc_status status = PC_OK;
     bool mended = true;
     for (uint8_t rings = 1; mended && rings <= most_rings && status == PC_OK;) {
         const struct pci_scratch_block *mark = scratch->blocks;
-        status = mend_once(scratch, stage, &q, *away, &rings, layer, &mended);
+        status = mend_once(scratch, stage, &q, &rings, &mended);
         pci_scratch_rewind(scratch, mark);
-        if (status == PC_OK && mended) {
-            *away = PCI_SCRATCH(scratch, uint8_t, layer->triangle_count);
-            status =
-                *away != NULL && pci_find_away(scratch->context, cloth, layer, cell_size, *away)
-                    ? PC_OK
-                    : pci_fail_memory(scratch->context, stage);
+        if (status == PC_OK && mended && !pci_find_away(scratch, webbed)) {
+            status = pci_fail_memory(scratch->context, stage);
         }
     }
     pci_scratch_end(&kept_longer);

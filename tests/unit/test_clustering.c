@@ -39,19 +39,19 @@ static void torn_clusters_come_to_rest(void **state) {
     for (int pleats = 4; pleats <= 8; ++pleats) {
         pc_mesh mesh = make_pleats(context, pleats);
         pci_scratch scratch = pci_scratch_begin(context);
-        pci_halfedge halfedges;
-        pci_fans fans;
-        assert_true(pci_halfedge_build(&scratch, &mesh, &halfedges) &&
-                    pci_fans_build(&scratch, &halfedges, &fans));
-        uint32_t *clusters = PCI_SCRATCH(&scratch, uint32_t, mesh.vertex_count);
-        double *ones = PCI_SCRATCH(&scratch, double, mesh.vertex_count);
+        pci_sampling samples = {.weights = PCI_SCRATCH(&scratch, double, mesh.vertex_count)};
+        assert_true(pci_halfedge_build(&scratch, &mesh, &samples.mesh) &&
+                    pci_fans_build(&scratch, &samples.mesh, &samples.fans));
+        const pci_clustering wanted = {.cluster =
+                                           PCI_SCRATCH(&scratch, uint32_t, mesh.vertex_count)};
         for (size_t v = 0; v < mesh.vertex_count; ++v) {
-            ones[v] = 1.0;
+            samples.weights[v] = 1.0;
         }
+        samples.scales = samples.weights;
         uint64_t iterations = 0;
-        assert_true(pci_cluster_vertices(context, &halfedges, &fans, ones, ones, CLUSTERS, NULL, 0,
-                                         NULL, 0, 0, PASSES, clusters, &iterations));
-        assert_int_equal(count_pieces(&scratch, &mesh, clusters), CLUSTERS);
+        assert_true(
+            pci_cluster_vertices(context, &samples, CLUSTERS, 0, PASSES, &wanted, &iterations));
+        assert_int_equal(count_pieces(&scratch, &mesh, wanted.cluster), CLUSTERS);
         assert_true(iterations < PASSES);
         pci_scratch_end(&scratch);
         pc_mesh_free(context, &mesh);

@@ -353,25 +353,24 @@ static bool run(clustering *c, uint32_t first, uint32_t passes, uint64_t *iterat
     return true;
 }
 
-bool pci_cluster_vertices(pc_context *context, const pci_halfedge *mesh, const pci_fans *fans,
-                          const double *weights, const double *scales, size_t cluster_count,
-                          const uint32_t *fixed, size_t fixed_count, const uint32_t *anchors,
-                          size_t anchor_count, uint32_t first, uint32_t passes, uint32_t *cluster,
+bool pci_cluster_vertices(pc_context *context, const pci_sampling *sampling, size_t count,
+                          uint32_t first, uint32_t passes, const pci_clustering *wanted,
                           uint64_t *iterations) {
+    const pci_rings *rings = &wanted->rings;
     pci_scratch scratch = pci_scratch_begin(context);
     clustering c = {.scratch = &scratch,
-                    .mesh = mesh,
-                    .fans = fans,
-                    .weights = weights,
-                    .scales = scales,
-                    .count = cluster_count,
-                    .all = cluster_count + fixed_count,
-                    .anchors = anchors,
-                    .anchor_count = anchor_count,
-                    .cluster = cluster};
-    for (size_t v = 0; v < mesh->vertex_count; ++v) {
-        const bool given = fixed != NULL && fixed[v] != PC_INVALID_INDEX;
-        cluster[v] = given ? (uint32_t)cluster_count + fixed[v] : 0;
+                    .mesh = &sampling->mesh,
+                    .fans = &sampling->fans,
+                    .weights = sampling->weights,
+                    .scales = sampling->scales,
+                    .count = count - rings->count,
+                    .all = count,
+                    .anchors = wanted->anchors,
+                    .anchor_count = wanted->anchor_count,
+                    .cluster = wanted->cluster};
+    for (size_t v = 0; v < c.mesh->vertex_count; ++v) {
+        const bool given = rings->count > 0 && rings->cluster[v] != PC_INVALID_INDEX;
+        c.cluster[v] = given ? (uint32_t)c.count + rings->cluster[v] : 0;
     }
     const bool done = run(&c, first, passes, iterations);
     pci_scratch_end(&scratch);

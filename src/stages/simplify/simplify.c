@@ -171,28 +171,18 @@ static bool drop_unaffordable(pci_scratch *scratch, pc_mesh *layer, size_t verti
     return true;
 }
 
-// What the clusters are: those of the rings, those around corners of the border, and others.
-typedef struct clustering {
-    pci_rings rings;
-    uint32_t *anchors; // vertices
-    size_t anchor_count;
-    uint32_t *cluster; // #V
-} clustering;
-
 static bool cluster(pci_scratch *scratch, const pci_sampling *s, const pc_simplify_options *options,
-                    uint64_t attempt, clustering *c, uint64_t *iterations) {
+                    uint64_t attempt, pci_clustering *c, uint64_t *iterations) {
     const double share = pci_random(options->seed, 0, attempt);
-    return pci_cluster_vertices(scratch->context, &s->mesh, &s->fans, s->weights, s->scales,
-                                options->vertices - c->rings.count, c->rings.cluster,
-                                c->rings.count, c->anchors, c->anchor_count,
+    return pci_cluster_vertices(scratch->context, s, options->vertices,
                                 (uint32_t)(share * (double)s->mesh.vertex_count),
-                                options->clustering_iterations, c->cluster, iterations);
+                                options->clustering_iterations, c, iterations);
 }
 
 // The sharpest corners get clusters of their own, else one cluster may hold two of them, as both
 // sides of a slit. Those of rings stay with them.
 static bool choose_anchors(pci_scratch *scratch, const pci_sampling *s, size_t vertices,
-                           clustering *c) {
+                           pci_clustering *c) {
     const size_t most = (vertices - c->rings.count) / anchor_share;
     c->anchors = PCI_SCRATCH(scratch, uint32_t, s->corner_count);
     if (c->anchors == NULL) {
@@ -210,18 +200,17 @@ static bool choose_anchors(pci_scratch *scratch, const pci_sampling *s, size_t v
 // density map asks for them, with rings around thin tubes and anchors at corners. Later attempts
 // keep the sizes and begin elsewhere.
 static bool cluster_samples(pci_scratch *scratch, pci_sampling *s,
-                            const pc_simplify_options *options, uint64_t attempt, clustering *c,
+                            const pc_simplify_options *options, uint64_t attempt, pci_clustering *c,
                             uint64_t *iterations) {
     const bool uniform = options->narrow_refinement == 1.0 && s->densities == NULL;
-    *c = (clustering){.cluster = PCI_SCRATCH(scratch, uint32_t, s->mesh.vertex_count)};
+    *c = (pci_clustering){.cluster = PCI_SCRATCH(scratch, uint32_t, s->mesh.vertex_count)};
     if (c->cluster == NULL) {
         return false;
     }
     if (!uniform && attempt == 0) {
         if (!cluster(scratch, s, options, attempt, c, iterations) ||
-            !pci_size_clusters(scratch, &s->mesh, s->normals, s->areas, s->arcs, c->cluster,
-                               options->vertices, s->spacing, options->narrow_refinement,
-                               s->scales)) {
+            !pci_size_clusters(scratch, c->cluster, options->vertices, options->narrow_refinement,
+                               s)) {
             return false;
         }
         pci_sampling_weigh(s);
@@ -235,7 +224,7 @@ static bool cluster_samples(pci_scratch *scratch, pci_sampling *s,
 }
 
 // Marks the vertices in clusters of rings and corners.
-static bool bind_clusters(pci_scratch *scratch, const clustering *c, size_t vertices,
+static bool bind_clusters(pci_scratch *scratch, const pci_clustering *c, size_t vertices,
                           uint32_t clusters, uint8_t **bound) {
     uint8_t *anchored = PCI_SCRATCH(scratch, uint8_t, clusters);
     *bound = PCI_SCRATCH(scratch, uint8_t, vertices);
@@ -369,7 +358,7 @@ static bool make_proxy(pci_scratch *scratch, pci_sampling *s, const pc_simplify_
     uint8_t *bound = NULL;
     pci_contraction contraction;
     pci_halfedge coarse;
-    clustering c;
+    pci_clustering c;
     pc_mesh contracted = {0};
     if (!cluster_samples(scratch, s, options, attempt, &c, &report->iterations) ||
         !bind_clusters(scratch, &c, s->mesh.vertex_count, options->vertices, &bound) ||

@@ -24,9 +24,10 @@ static void blur(const pci_halfedge *mesh, const uint32_t *cluster, size_t clust
     }
 }
 
-bool pci_size_clusters(pci_scratch *scratch, const pci_halfedge *mesh, const double *normals,
-                       const double *areas, const double *arcs, const uint32_t *cluster,
-                       size_t cluster_count, double spacing, double limit, double *scales) {
+bool pci_size_clusters(pci_scratch *scratch, const uint32_t *cluster, size_t cluster_count,
+                       double limit, pci_sampling *sampling) {
+    const pci_halfedge *mesh = &sampling->mesh;
+    const double *areas = sampling->areas;
     double *normal = PCI_SCRATCH(scratch, double, 3 * cluster_count);
     double *area = PCI_SCRATCH(scratch, double, cluster_count);
     double *arc = PCI_SCRATCH(scratch, double, cluster_count);
@@ -37,9 +38,9 @@ bool pci_size_clusters(pci_scratch *scratch, const pci_halfedge *mesh, const dou
     for (size_t v = 0; v < mesh->vertex_count; ++v) {
         const size_t i = cluster[v];
         area[i] += areas[v];
-        arc[i] += arcs[v];
+        arc[i] += sampling->arcs[v];
         for (size_t k = 0; k < 3; ++k) {
-            normal[3 * i + k] += areas[v] * normals[3 * v + k];
+            normal[3 * i + k] += areas[v] * sampling->normals[3 * v + k];
         }
     }
     for (size_t i = 0; i < cluster_count; ++i) {
@@ -48,14 +49,14 @@ bool pci_size_clusters(pci_scratch *scratch, const pci_halfedge *mesh, const dou
         const double spread = fmax(0.0, 1.0 - pci_norm(&normal[3 * i]) / area[i]);
         const double bent = sqrt(24.0 * spread) / edge_per_radius;
         // A piece of a strap has the area of its width times half its border.
-        const double narrow = spacing * arc[i] / (2.0 * area[i]);
+        const double narrow = sampling->spacing * arc[i] / (2.0 * area[i]);
         sizes[i] = fmin(fmax(1.0, fmax(bent, narrow)), limit);
     }
     for (size_t pass = 0; pass < blur_passes; ++pass) {
         blur(mesh, cluster, cluster_count, sizes, normal, arc);
     }
     for (size_t v = 0; v < mesh->vertex_count; ++v) {
-        scales[v] = sizes[cluster[v]];
+        sampling->scales[v] = sizes[cluster[v]];
     }
     return true;
 }

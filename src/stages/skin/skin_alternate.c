@@ -365,27 +365,19 @@ pc_status pci_skin_alternation_prune(pci_skin_alternation *a, uint32_t kept, dou
     return PC_OK;
 }
 
-// The slots of a row that stay, in order.
-static void choose_slots(uint32_t allowed, const double *weights, uint32_t slots, uint32_t kept,
-                         uint32_t *chosen) {
+// Bits of the slots with most weight.
+static uint32_t heaviest_slots(const double *weights, uint32_t slots, uint32_t kept) {
     uint32_t taken = 0;
     for (uint32_t n = 0; n < kept; ++n) {
         uint32_t best = slots;
         for (uint32_t k = 0; k < slots; ++k) {
-            const bool open = (taken >> k & 1) == 0;
-            if (open &&
-                (best == slots || (allowed >> k & 1) > (allowed >> best & 1) ||
-                 ((allowed >> k & 1) == (allowed >> best & 1) && weights[k] > weights[best]))) {
+            if ((taken >> k & 1) == 0 && (best == slots || weights[k] > weights[best])) {
                 best = k;
             }
         }
         taken |= (uint32_t)1 << best;
     }
-    for (uint32_t k = 0, n = 0; k < slots; ++k) {
-        if (taken >> k & 1) {
-            chosen[n++] = k;
-        }
-    }
+    return taken;
 }
 
 void pci_skin_alternation_compact(pci_skin_alternation *a, uint32_t kept, uint32_t *bones,
@@ -393,17 +385,18 @@ void pci_skin_alternation_compact(pci_skin_alternation *a, uint32_t kept, uint32
     const size_t nv = a->frames.problem->vertex_count;
     const uint32_t slots = a->frames.problem->slots;
     for (size_t v = 0; v < nv; ++v) {
-        uint32_t chosen[PCI_SKIN_SLOTS_MAX] = {0};
         double sum = 0.0;
-        choose_slots(a->allowed[v], &weights[v * slots], slots, kept, chosen);
-        for (uint32_t k = 0; k < kept; ++k) {
-            const size_t from = v * slots + chosen[k], to = v * kept + k;
+        // Held rows may have more than `kept`; the others are pruned.
+        uint32_t left =
+            a->allowed[v] != 0 ? a->allowed[v] : heaviest_slots(&weights[v * slots], slots, kept);
+        for (uint32_t k = 0; k < kept; ++k, left &= left - 1) {
+            const size_t from = v * slots + (uint32_t)__builtin_ctz(left), to = v * kept + k;
             bones[to] = bones[from];
             weights[to] = weights[from];
             sum += weights[to];
             a->constants[to] = a->constants[from];
         }
-        if (a->allowed[v] == 0) { // more slots than `kept` may have been held
+        if (a->allowed[v] == 0) {
             for (uint32_t k = 0; k < kept; ++k) {
                 weights[v * kept + k] /= sum;
             }

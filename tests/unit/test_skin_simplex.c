@@ -97,7 +97,7 @@ static void pruned_programs_meet_the_optimality_conditions(void **state) {
         const uint64_t left = pci_simplex_prune(n, a, ridge_of(n, a), kept, w, g);
         uint32_t count = 0;
         for (uint32_t k = 0; k < n; ++k) {
-            count += left >> k & 1;
+            count += (uint32_t)(left >> k & 1);
             assert_true((left >> k & 1) == 1 || w[k] == 0.0);
         }
         assert_int_equal(count, kept);

@@ -8,9 +8,6 @@
 #define RELATIVE_ZERO 1e-12
 #define PAD           1.2e-7 // 1 and less in float, rounded
 
-static inline double lesser(double a, double b) { return a < b ? a : b; }
-static inline double larger(double a, double b) { return a > b ? a : b; }
-
 // Whether all points that are not shared are clearly on the same side of a plane: most pairs need
 // no more. The normal has any length.
 static bool on_one_side(const double origin[3], const double points[9], unsigned shared,
@@ -22,8 +19,8 @@ static bool on_one_side(const double origin[3], const double points[9], unsigned
             double offset[3];
             pci_sub(&points[3 * i], origin, offset);
             const double distance = pci_dot(normal, offset);
-            least = lesser(least, distance);
-            largest = larger(largest, distance);
+            least = pci_smaller(least, distance);
+            largest = pci_larger(largest, distance);
         }
     }
     return (least > 0.0 && least * least > limit) || (largest < 0.0 && largest * largest > limit);
@@ -57,8 +54,8 @@ static bool plane_distances(const double triangle[9], const double points[9], un
 }
 
 static bool on_both_sides(const double distance[3]) {
-    return lesser(lesser(distance[0], distance[1]), distance[2]) < 0.0 &&
-           larger(larger(distance[0], distance[1]), distance[2]) > 0.0;
+    return pci_smaller(pci_smaller(distance[0], distance[1]), distance[2]) < 0.0 &&
+           pci_larger(pci_larger(distance[0], distance[1]), distance[2]) > 0.0;
 }
 
 // The stretch of the line `direction` that lies in a triangle with corners on both sides.
@@ -90,7 +87,7 @@ static double crossing_length(const double a[9], unsigned shared_a, const double
         pci_sub(&a[3 * i], a, &p[3 * i]);
         pci_sub(&b[3 * i], a, &q[3 * i]);
         for (size_t k = 0; k < 3; ++k) {
-            extent = larger(extent, larger(fabs(p[3 * i + k]), fabs(q[3 * i + k])));
+            extent = pci_larger(extent, pci_larger(fabs(p[3 * i + k]), fabs(q[3 * i + k])));
         }
     }
     const double zero = RELATIVE_ZERO * extent;
@@ -218,8 +215,9 @@ static box triangle_box(const pc_mesh *mesh, const sweep_frame *frame, size_t t)
         const double a = along[3 * (size_t)mesh->triangles[3 * t]];
         const double b = along[3 * (size_t)mesh->triangles[3 * t + 1]];
         const double c = along[3 * (size_t)mesh->triangles[3 * t + 2]];
-        const double least = lesser(lesser(a, b), c), largest = larger(larger(a, b), c);
-        result.minimum[k] = (float)larger(frame->scale * (least - frame->origin[k]) - PAD, 0.0);
+        const double least = pci_smaller(pci_smaller(a, b), c),
+                     largest = pci_larger(pci_larger(a, b), c);
+        result.minimum[k] = (float)pci_larger(frame->scale * (least - frame->origin[k]) - PAD, 0.0);
         result.maximum[k] = (float)(frame->scale * (largest - frame->origin[k]) + PAD);
     }
     return result;
@@ -233,8 +231,8 @@ static sweep_frame find_frame(const pc_mesh *mesh) {
         minimum[k] = INFINITY;
         for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
             const double at = mesh->positions[3 * (size_t)mesh->triangles[i] + k];
-            minimum[k] = lesser(minimum[k], at);
-            maximum = larger(maximum, at);
+            minimum[k] = pci_smaller(minimum[k], at);
+            maximum = pci_larger(maximum, at);
         }
         size[k] = maximum - minimum[k];
     }

@@ -13,9 +13,6 @@ static const float front_albedo[3] = {0.46F, 0.46F, 0.47F};
 static const float back_albedo[3] = {0.13F, 0.28F, 0.62F};
 static const float edge_color[3] = {0.012F, 0.014F, 0.02F};
 
-static inline double smaller(double a, double b) { return a < b ? a : b; }
-static inline double larger(double a, double b) { return a > b ? a : b; }
-
 static inline float dot(const float a[3], const float b[3]) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
@@ -380,10 +377,10 @@ static band_range bands_of(const drawing *d, size_t triangle, uint8_t *front) {
     const uint32_t side = (uint32_t)(SAMPLES * d->size), rows = SAMPLES * BAND_ROWS;
     // y points down
     *front = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]) > 0.0 ? 0 : 1;
-    const uint32_t left = pci_first_sample(smaller(smaller(a[0], b[0]), c[0]), 0, side);
-    const uint32_t right = pci_first_sample(larger(larger(a[0], b[0]), c[0]), 0, side);
-    const uint32_t top = pci_first_sample(smaller(smaller(a[1], b[1]), c[1]), 0, side);
-    const uint32_t bottom = pci_first_sample(larger(larger(a[1], b[1]), c[1]), 0, side);
+    const uint32_t left = pci_first_sample(pci_smaller(pci_smaller(a[0], b[0]), c[0]), 0, side);
+    const uint32_t right = pci_first_sample(pci_larger(pci_larger(a[0], b[0]), c[0]), 0, side);
+    const uint32_t top = pci_first_sample(pci_smaller(pci_smaller(a[1], b[1]), c[1]), 0, side);
+    const uint32_t bottom = pci_first_sample(pci_larger(pci_larger(a[1], b[1]), c[1]), 0, side);
     if (left == right || top == bottom) {
         return (band_range){0};
     }

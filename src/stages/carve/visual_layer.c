@@ -127,9 +127,7 @@ static uint8_t *find_open(pci_scratch *scratch, const pci_topology *topology,
                           const uint32_t *component, size_t count) {
     uint8_t *open = PCI_SCRATCH(scratch, uint8_t, count);
     for (size_t e = 0; e < topology->edge_count && open != NULL; ++e) {
-        const size_t first = topology->edge_triangle_offsets[e];
-        open[component[topology->edge_triangles[first]]] |=
-            topology->edge_triangle_offsets[e + 1] - first == 1;
+        open[component[pci_sides(topology, e)[0]]] |= pci_side_count(topology, e) == 1;
     }
     return open;
 }

@@ -187,13 +187,10 @@ typedef struct grid {
     size_t size[3];
 } grid;
 
-static inline double smaller(double a, double b) { return a < b ? a : b; }
-static inline double larger(double a, double b) { return a > b ? a : b; }
-
 // The cell of a position along an axis; positions outside belong to the border cells.
 static size_t cell_at(const grid *g, size_t axis, double position) {
     const double at = (position - g->origin[axis]) * g->inverse;
-    return at > 0.0 ? (size_t)smaller(at, (double)(g->size[axis] - 1)) : 0;
+    return at > 0.0 ? (size_t)pci_smaller(at, (double)(g->size[axis] - 1)) : 0;
 }
 
 // Sorts the vertices into cells. False: positions are not finite.
@@ -250,8 +247,8 @@ static void add_pairs_of(pci_self_contact *self, const double *x, const grid *g,
     for (size_t k = 0; k < 3; ++k) {
         const double a = x[3 * (size_t)corner[0] + k], b = x[3 * (size_t)corner[1] + k];
         const double c = x[3 * (size_t)corner[2] + k];
-        least_at[k] = smaller(a, smaller(b, c)) - self->reach;
-        most_at[k] = larger(a, larger(b, c)) + self->reach;
+        least_at[k] = pci_smaller(a, pci_smaller(b, c)) - self->reach;
+        most_at[k] = pci_larger(a, pci_larger(b, c)) + self->reach;
         low[k] = cell_at(g, k, least_at[k]);
         high[k] = cell_at(g, k, most_at[k]);
     }

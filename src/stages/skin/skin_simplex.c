@@ -43,8 +43,7 @@ void pci_simplex_factor(uint32_t n, double ridge, const double *a, double *facto
     }
 }
 
-// ---- active sets
-// ---------------------------------------------------------------------------------
+// ---- active sets --------------------------------------------------------------------------------
 
 // A program with C of the slots in its face, which slots enter and leave at the price of a product
 // with a vector.

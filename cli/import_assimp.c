@@ -391,19 +391,20 @@ static const struct aiScene *import(scene_reader *reader, const char *path, scen
     aiSetImportPropertyInteger(store, AI_CONFIG_IMPORT_FBX_PRESERVE_PIVOTS, 0);
     size_t size = 0;
     char *bytes = read_file(reader, path, &size);
+    char message[200] = "", *plain = bytes;
     if (format == SCENE_GLB || format == SCENE_GLTF) {
-        bytes = import_plain_gltf(reader, path, bytes, &size, format);
+        plain = scene_plain_gltf(path, bytes, &size, format, message, sizeof(message));
+        format = SCENE_GLB;
         aiAttachLogStream(&warnings);
+    } else if (format == SCENE_OBJ) {
+        plain = scene_plain_obj(path, bytes, &size, message, sizeof(message));
+    } else if (format == SCENE_PLY) {
+        (void)scene_check_ply(bytes, size, message, sizeof(message));
     }
-    char message[200];
-    if (format == SCENE_PLY && !scene_check_ply(bytes, size, message, sizeof(message))) {
+    if (message[0] != '\0') {
         import_fail(reader, "%s", message);
     }
-    if (format == SCENE_OBJ) {
-        char *plain = scene_plain_obj(path, bytes, &size, message, sizeof(message));
-        if (plain == NULL) {
-            import_fail(reader, "%s", message);
-        }
+    if (plain != bytes) {
         free(bytes);
         bytes = plain;
     }

@@ -84,13 +84,6 @@ static inline bool affine_is_identity(const affine *a) {
     return memcmp(a, &affine_identity, sizeof(*a)) == 0;
 }
 
-// ---- import_gltf.c ------------------------------------------------------------------------------
-
-// Refuses what assimp would misread in a glTF or GLB file, and returns the file as it reads it: the
-// same bytes, or others.
-char *import_plain_gltf(scene_reader *reader, const char *path, char *bytes, size_t *size,
-                        scene_format format);
-
 // ---- import_skeleton.c --------------------------------------------------------------------------
 
 // Collects the tree below a node of index `parent`, SIZE_MAX: the root.

@@ -140,9 +140,9 @@ char *scene_plain_obj(const char *path, const char *bytes, size_t *size, char *m
 // Whether a PLY file holds all that its header announces; says what is wrong otherwise.
 bool scene_check_ply(const char *bytes, size_t size, char *message, size_t message_size);
 
-// Animation keys, texture coordinates and weights of a GLB file as floats: the same bytes where
-// they are, else new ones.
-char *scene_unpack_glb(char *bytes, size_t *size);
+// A glTF or GLB file as a GLB file that assimp reads right, as new bytes; else NULL, as above.
+char *scene_plain_gltf(const char *path, const char *bytes, size_t *size, scene_format format,
+                       char *message, size_t message_size);
 
 // Reads a file through assimp and writes the buffer (or a failure) to `descriptor`. Runs in the
 // child; returns the child's exit code.

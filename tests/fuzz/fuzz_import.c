@@ -1,21 +1,29 @@
 // What crosses the border of the import child: the buffer that it sends (first byte even; with
 // magic number and size put right in every other case), and the rewriting of OBJ files (one of
-// four) and GLB files (one of four) inside it.
+// four), GLB and glTF files (one of eight) inside it.
 #include <string.h>
 
 #include "../../cli/scene.h"
 #include "fuzz.h"
 
-static void unpack(const uint8_t *data, size_t size) {
-    char *bytes = malloc(size + 1);
+// What is written must be read again.
+static void rewrite(const uint8_t *data, size_t size, scene_format format) {
+    char message[200];
+    size_t once = size, twice;
+    char *bytes = malloc(size + 1); // of its own, so that reading beyond it is noticed
     fuzz_assert(bytes != NULL);
     memcpy(bytes, data, size);
-    size_t unpacked = size;
-    char *result = scene_unpack_glb(bytes, &unpacked);
-    fuzz_assert(result != NULL && (result == bytes ? unpacked == size : unpacked >= 28));
-    if (result != bytes) {
-        free(result);
+    char *plain =
+        scene_plain_gltf("/nowhere/fuzz.gltf", bytes, &once, format, message, sizeof(message));
+    fuzz_assert((plain == NULL) == (message[0] != '\0'));
+    if (plain != NULL) {
+        twice = once;
+        char *again = scene_plain_gltf("/nowhere/fuzz.gltf", plain, &twice, SCENE_GLB, message,
+                                       sizeof(message));
+        fuzz_assert(again != NULL);
+        free(again);
     }
+    free(plain);
     free(bytes);
 }
 
@@ -52,7 +60,11 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         return 0;
     }
     if (data[0] % 2 != 0) {
-        (data[0] % 4 == 3 ? respell : data[0] % 8 == 5 ? measure : unpack)(data + 1, size - 1);
+        if (data[0] % 8 == 1) {
+            rewrite(data + 1, size - 1, data[0] % 16 == 1 ? SCENE_GLB : SCENE_GLTF);
+        } else {
+            (data[0] % 4 == 3 ? respell : measure)(data + 1, size - 1);
+        }
         return 0;
     }
     pc_context *context = fuzz_context();

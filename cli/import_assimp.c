@@ -400,6 +400,8 @@ static const struct aiScene *import(scene_reader *reader, const char *path, scen
         plain = scene_plain_obj(path, bytes, &size, message, sizeof(message));
     } else if (format == SCENE_PLY) {
         (void)scene_check_ply(bytes, size, message, sizeof(message));
+    } else if (format == SCENE_STL) {
+        (void)scene_check_stl(bytes, &size, message, sizeof(message));
     }
     if (message[0] != '\0') {
         import_fail(reader, "%s", message);
@@ -418,8 +420,8 @@ static const struct aiScene *import(scene_reader *reader, const char *path, scen
     (void)aiDetachLogStream(&warnings);
     if (source == NULL || source->mRootNode == NULL) {
         const char *reason = aiGetErrorString();
-        import_fail(reader, "%s",
-                    reason != NULL && reason[0] != '\0' ? reason : "the file is damaged");
+        reason = reason != NULL && reason[0] != '\0' ? reason : "it is damaged";
+        import_fail(reader, "the file cannot be read: %s; export it again", reason);
     }
     if (faces_dropped) {
         import_fail(reader, "a face refers to a vertex that does not exist; export it again");

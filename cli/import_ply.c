@@ -177,12 +177,14 @@ bool scene_check_ply(const char *bytes, size_t size, char *message, size_t messa
     file->at = bytes;
     file->end = bytes + size;
     const bool known = read_header(file);
+    unsigned long long faces = 0;
     for (size_t i = 0; known && i < file->element_count && message[0] == '\0'; ++i) {
         const ply_element *element = &file->elements[i];
         if (strcmp(element->name, "tristrips") == 0) {
             snprintf(message, message_size,
                      "triangle strips are not supported; export it with faces");
         }
+        faces += strcmp(element->name, "face") == 0 ? element->count : 0;
         // Without properties there is nothing to run out of.
         const unsigned long long count = element->property_count != 0 ? element->count : 0;
         for (unsigned long long k = 0; k < count && message[0] == '\0'; ++k) {
@@ -197,6 +199,9 @@ bool scene_check_ply(const char *bytes, size_t size, char *message, size_t messa
                          file->line, element->name);
             }
         }
+    }
+    if (known && faces == 0 && message[0] == '\0') {
+        snprintf(message, message_size, "the file has no faces; export it with them");
     }
     free(file);
     return message[0] == '\0';

@@ -140,7 +140,10 @@ char *scene_plain_obj(const char *path, const char *bytes, size_t *size, char *m
 // Whether a PLY file holds all that its header announces; says what is wrong otherwise.
 bool scene_check_ply(const char *bytes, size_t size, char *message, size_t message_size);
 
-// A glTF or GLB file as a GLB file that assimp reads right, as new bytes; else NULL, as above.
+// The same for an STL file; bytes behind its last triangle are no longer counted.
+bool scene_check_stl(const char *bytes, size_t *size, char *message, size_t message_size);
+
+// A glTF or GLB file as a GLB file that assimp reads right, as new bytes; else NULL and the cause.
 char *scene_plain_gltf(const char *path, const char *bytes, size_t *size, scene_format format,
                        char *message, size_t message_size);
 

@@ -97,17 +97,16 @@ static bool by_content(const file_head *head, scene_format *format) {
     return true;
 }
 
-// Formats without signature need their extension and text that does not contradict it.
+// Formats without signature need their extension and content that does not contradict it.
 static bool by_extension(const file_head *head, const char *extension, scene_format *format) {
-    if (!is_text(head)) {
-        return false;
-    }
-    if (strcasecmp(extension, "obj") == 0 && strchr("<{", first_character(head)) == NULL) {
+    const bool text = is_text(head);
+    if (strcasecmp(extension, "stl") == 0 && (!text || starts(head, "solid"))) {
+        *format = SCENE_STL; // also a binary one that was cut
+    } else if (text && strcasecmp(extension, "obj") == 0 &&
+               strchr("<{", first_character(head)) == NULL) {
         *format = SCENE_OBJ;
-    } else if (strcasecmp(extension, "gltf") == 0 && first_character(head) == '{') {
+    } else if (text && strcasecmp(extension, "gltf") == 0 && first_character(head) == '{') {
         *format = SCENE_GLTF;
-    } else if (strcasecmp(extension, "stl") == 0 && starts(head, "solid")) {
-        *format = SCENE_STL;
     } else {
         return false;
     }

@@ -134,6 +134,19 @@ for format in little big; do
     (ply binary_${format}_endian 3 "face 2" && printf '%036d\003%012d\003%011d' 0 0 0) >short.ply
     expect 3 'short.ply: the file ends behind 1 of 2 elements "face"' build short.ply -o out
 done
+(ply ascii 3 "face 0" && printf '0 0 0\n1 0 0\n1 1 0\n') >points.ply
+expect 3 'points.ply: the file has no faces' build points.ply -o out
+(printf '%080d\002\000\000\000' 0 && printf '%0099d' 0) >short.stl
+expect 3 'short.stl: the file ends behind 1 of 2 triangles' build short.stl -o out
+printf 'binary\000' >short.stl
+expect 3 'short.stl: the file ends within its header' build short.stl -o out
+stl='facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n'
+printf "solid a\n${stl}endsolid a\nsolid b\n$stl" >short.stl
+expect 3 'short.stl: the file ends before "endsolid"' build short.stl -o out
+printf 'v 0 0 0\n' >text.stl
+expect 3 'text.stl: this is no STL file' build text.stl -o out
+printf '<?xml version="1.0"?><COLLADA><asset>' >short.dae
+expect 3 'short.dae: the file cannot be read: .*; export it again' build short.dae -o out
 expect 3 "ply.obj: the file holds PLY data" build ply.obj -o out
 expect 3 "garbage.h5" label garbage.h5
 expect 3 "garbage.h5: this is an asset file" build garbage.h5 -o out

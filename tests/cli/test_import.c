@@ -426,6 +426,10 @@ static void a_metre_is_a_metre_in_binary_formats(void **state) {
         }
     }
     assert_metre_cube("binary STL", import_bytes("stl", stl, sizeof(stl), &scene), &scene);
+    stl[80] = 11; // the last triangle is now something that follows
+    assert_int_equal(import_bytes("stl", stl, sizeof(stl), &scene), CLI_OK);
+    assert_int_equal(scene.header.triangle_count, 11);
+    scene_free(&scene);
 
     // A glTF file finds its buffer beside it, also from inside the isolated child, and under a name
     // whose characters are escaped.

@@ -52,6 +52,9 @@ static void measure(const uint8_t *data, size_t size) {
     fuzz_assert(bytes != NULL);
     memcpy(bytes, data, size);
     fuzz_assert(scene_check_ply(bytes, size, message, sizeof(message)) == (message[0] == '\0'));
+    size_t left = size;
+    fuzz_assert(scene_check_stl(bytes, &left, message, sizeof(message)) == (message[0] == '\0'));
+    fuzz_assert(left <= size);
     free(bytes);
 }
 

@@ -243,15 +243,19 @@ static bool refer(gltf_file *g, cJSON *accessor, size_t size) {
            gltf_set(g, accessor, "bufferView", index);
 }
 
-// Integers and sparse numbers become floats; those without a view are compressed and stay.
+// Integers and sparse numbers become floats, and so do those whose last element is shorter than
+// their stride; those without a view are compressed and stay.
 static bool plain_accessor(gltf_file *g, cJSON *accessor) {
-    const cJSON *sparse = cJSON_GetObjectItemCaseSensitive(accessor, "sparse");
     const size_t type = gltf_whole(accessor, "componentType", 0);
-    if (accessor == NULL || (sparse == NULL && (type == COMPONENT_FLOAT ||
-                                                !cJSON_HasObjectItem(accessor, "bufferView")))) {
+    const size_t parts = component_count(accessor), count = gltf_whole(accessor, "count", 0);
+    const cJSON *view = gltf_item(&g->views, accessor, "bufferView");
+    const bool sparse = cJSON_HasObjectItem(accessor, "sparse");
+    const bool plain =
+        view == NULL || (type == COMPONENT_FLOAT && count * gltf_whole(view, "byteStride", 0) <=
+                                                        gltf_whole(view, "byteLength", 0));
+    if (accessor == NULL || (plain && !sparse)) {
         return true;
     }
-    const size_t parts = component_count(accessor), count = gltf_whole(accessor, "count", 0);
     if (component_size(type) == 0 || parts == 0) {
         return gltf_fail(g, "numbers of an unknown type; export it again");
     }

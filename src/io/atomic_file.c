@@ -5,8 +5,11 @@
 #include <fcntl.h>
 #include <limits.h>
 #include <stdlib.h>
+#include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
+
+#include "io/nameless_file.h"
 
 // strerror is not thread-safe, strerror_r is.
 static pc_status fail_errno(pc_context *context, const char *stage, const char *action,
@@ -23,10 +26,41 @@ static void discard(pci_atomic_file *file) {
     if (file->stream != NULL) {
         fclose(file->stream);
     }
-    unlink(file->temporary);
+    if (file->named) {
+        unlink(file->temporary);
+    }
     pc_release(file->context, file->temporary);
     pc_release(file->context, file->target);
     memset(file, 0, sizeof(*file));
+}
+
+enum { ATTEMPTS = 1000, NAME_ROOM = 65 }; // of what is behind the target's name
+
+// The name says who left a file behind after a crash.
+static void name_temporary(char *temporary, size_t size, const char *target, int attempt) {
+    snprintf(temporary, size, "%s.tmp-%ld-%d", target, (long)getpid(), attempt);
+}
+
+// A file without a name, on the file system of the target; -1 where there are none. `folder` has
+// room for the target's path.
+static int open_beside(const char *target, char *folder) {
+    const char *slash = strrchr(target, '/');
+    const size_t length = slash == NULL ? 0 : slash == target ? 1 : (size_t)(slash - target);
+    memcpy(folder, target, length);
+    folder[length] = '\0';
+    return pci_nameless_open(length != 0 ? folder : ".");
+}
+
+// Gives a complete file its temporary name. Returns 0 or an errno value.
+static int name_file(pci_atomic_file *file) {
+    const size_t size = strlen(file->target) + NAME_ROOM;
+    int code = file->named ? 0 : EEXIST;
+    for (int attempt = 0; attempt < ATTEMPTS && code == EEXIST; ++attempt) {
+        name_temporary(file->temporary, size, file->target, attempt);
+        file->named = pci_nameless_link(fileno(file->stream), file->temporary) == 0;
+        code = file->named ? 0 : errno;
+    }
+    return code;
 }
 
 pc_status pci_atomic_begin(pc_context *context, const char *stage, const char *path,
@@ -41,7 +75,7 @@ pc_status pci_atomic_begin(pc_context *context, const char *stage, const char *p
     // The file at the end of a link is replaced, not the link; realpath needs that there is one.
     char resolved[PATH_MAX];
     const char *at = realpath(path, resolved) != NULL ? resolved : path;
-    const size_t length = strlen(at) + 1, size = length + 64;
+    const size_t length = strlen(at) + 1, size = length - 1 + NAME_ROOM;
     char *temporary = PCI_ALLOCATE(context, char, size);
     char *final = PCI_ALLOCATE(context, char, length);
     if (temporary == NULL || final == NULL) {
@@ -50,12 +84,14 @@ pc_status pci_atomic_begin(pc_context *context, const char *stage, const char *p
         return pci_fail_memory(context, stage);
     }
     memcpy(final, at, length);
-    // mkstemp would ignore the umask. The name says who left a file behind after a crash.
-    int descriptor = -1;
-    for (int attempt = 0; attempt < 1000 && descriptor < 0; ++attempt) {
-        snprintf(temporary, size, "%s.tmp-%ld-%d", at, (long)getpid(), attempt);
+    // mkstemp would ignore the umask.
+    int descriptor = open_beside(at, temporary);
+    bool named = false;
+    for (int attempt = 0; attempt < ATTEMPTS && descriptor < 0; ++attempt) {
+        name_temporary(temporary, size, at, attempt);
         descriptor = open(temporary, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-        if (descriptor < 0 && errno != EEXIST) {
+        named = descriptor >= 0;
+        if (!named && errno != EEXIST) {
             break;
         }
     }
@@ -64,7 +100,9 @@ pc_status pci_atomic_begin(pc_context *context, const char *stage, const char *p
         const int code = errno;
         if (descriptor >= 0) {
             close(descriptor);
-            unlink(temporary);
+            if (named) {
+                unlink(temporary);
+            }
         }
         pc_release(context, temporary);
         pc_release(context, final);
@@ -75,6 +113,7 @@ pc_status pci_atomic_begin(pc_context *context, const char *stage, const char *p
     file->path = path;
     file->temporary = temporary;
     file->target = final;
+    file->named = named;
     file->stream = stream;
     errno = 0;
     return PC_OK;
@@ -90,6 +129,8 @@ pc_status pci_atomic_end(pci_atomic_file *file, pc_status status) {
     if (ferror(file->stream) != 0 || fflush(file->stream) != 0 ||
         fsync(fileno(file->stream)) != 0) {
         code = errno != 0 ? errno : EIO;
+    } else {
+        code = name_file(file);
     }
     if (fclose(file->stream) != 0 && code == 0) {
         code = errno;

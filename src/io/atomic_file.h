@@ -6,14 +6,15 @@
 
 #include "core/core.h"
 
-// A file that is written under a temporary name beside its target, so that the target is either the
-// complete new file or what it was before.
+// A file that is written without a name, or where that is not possible under a temporary one beside
+// its target, so that the target is either the complete new file or what it was before.
 typedef struct pci_atomic_file {
     pc_context *context;
     const char *stage;
     const char *path;
     char *temporary, *target; // where `path` is a link, the file that it leads to
-    FILE *stream; // write here; errors are noticed at the end
+    bool named;               // there is a file of the temporary name
+    FILE *stream;             // write here; errors are noticed at the end
 } pci_atomic_file;
 
 // @return PC_OK; PC_ERROR_IO; PC_ERROR_OUT_OF_MEMORY. On failure there is nothing to end.

@@ -287,7 +287,7 @@ static int summarize(const batch_run *r) {
     if (!r->arguments->settings.quiet) {
         fprintf(stderr,
                 "proxycloth batch: note: %zu garments: %zu done, %zu failed, %zu pending; %zu "
-                "converted in %.1f s\n",
+                "tried in %.1f s\n",
                 r->plan.count, r->done, r->failed, r->plan.count - r->done - r->failed,
                 r->converted, cli_now() - r->started);
     }

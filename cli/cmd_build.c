@@ -58,7 +58,7 @@ int cli_export_files(const cli_command *command, const cli_arguments *arguments,
     pc_measures measures;
     pc_status status = pc_evaluate(context, &asset->visual.surface, &asset->proxy, &measures);
     if (status != PC_OK) {
-        return cli_fail_status(command->name, context, status, NULL, false);
+        return cli_fail_status(command->name, context, status, arguments->inputs[0], false);
     }
     cli_begin_writing();
     for (result_file file = 0; file < FILE_COUNT; ++file) {
@@ -77,7 +77,9 @@ int cli_export_files(const cli_command *command, const cli_arguments *arguments,
         status = write_file(context, file, asset, timings, &measures, path);
         free(path);
         if (status != PC_OK) {
-            return cli_fail_status(command->name, context, status, NULL, true);
+            // The file that cannot be written is named already.
+            return cli_fail_status(command->name, context, status,
+                                   status == PC_ERROR_IO ? NULL : arguments->inputs[0], true);
         }
     }
     warn(command, arguments, asset, "evaluate", &pc_measures_record, &measures);
@@ -124,10 +126,15 @@ static void warn_about_stages(const build_run *r, size_t garment, pc_stage first
 }
 
 static void print_summary(const build_run *r) {
+    const char *folder = r->arguments->output;
+    size_t length = strlen(folder);
+    while (length > 1 && folder[length - 1] == '/') {
+        --length;
+    }
     for (size_t i = 0; i < r->result_count && !r->arguments->settings.quiet; ++i) {
-        fprintf(stderr, "proxycloth %s: note: %s: %zu vertices, %zu triangles -> %s/%s.*\n",
+        fprintf(stderr, "proxycloth %s: note: %s: %zu vertices, %zu triangles -> %.*s/%s.*\n",
                 r->command->name, r->results[i].name, r->results[i].vertices,
-                r->results[i].triangles, r->arguments->output, r->results[i].name);
+                r->results[i].triangles, (int)length, folder, r->results[i].name);
     }
 }
 

@@ -96,7 +96,7 @@ static int evaluate(const cli_command *command, const cli_arguments *arguments, 
     pc_measures measures;
     const pc_status status = pc_evaluate(context, meshes[0], meshes[1], &measures);
     if (status != PC_OK) {
-        return cli_fail_status(command->name, context, status, NULL, false);
+        return cli_fail_status(command->name, context, status, arguments->inputs[1], false);
     }
     if (!arguments->settings.json) {
         print_measures(&measures);

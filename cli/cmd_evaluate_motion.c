@@ -69,7 +69,7 @@ static int measure(comparison *c, const char *name, bool seen, const pc_skin *sk
         c->context, &c->asset.visual.surface, &c->asset.proxy, seen ? &c->asset.motion : &c->motion,
         skin, &c->arguments->motion, &row->measures);
     return status == PC_OK ? CLI_OK
-                           : cli_fail_status(c->command->name, c->context, status, NULL, false);
+                           : cli_fail_status(c->command->name, c->context, status, c->arguments->inputs[0], false);
 }
 
 typedef enum weights_source { FROM_GLB, INVERSE_DISTANCE, CLOSEST, SMOOTHED } weights_source;
@@ -115,7 +115,7 @@ static int compare(comparison *c) {
         code = status == PC_OK
                    ? measure(c, source == FROM_GLB ? c->arguments->inputs[1] : names[source], false,
                              &skin)
-                   : cli_fail_status(c->command->name, c->context, status, NULL, false);
+                   : cli_fail_status(c->command->name, c->context, status, c->arguments->inputs[0], false);
         pc_skin_free(c->context, &skin);
     }
     return code;

@@ -421,7 +421,9 @@ static const struct aiScene *import(scene_reader *reader, const char *path, scen
     if (source == NULL || source->mRootNode == NULL) {
         const char *reason = aiGetErrorString();
         reason = reason != NULL && reason[0] != '\0' ? reason : "it is damaged";
-        import_fail(reader, "the file cannot be read: %s; export it again", reason);
+        const size_t length = strlen(reason);
+        import_fail(reader, "the file cannot be read: %.*s; export it again",
+                    (int)(length - (reason[length - 1] == '.')), reason);
     }
     if (faces_dropped) {
         import_fail(reader, "a face refers to a vertex that does not exist; export it again");

@@ -23,6 +23,7 @@ typedef struct obj_text {
     size_t size, capacity;
     size_t total[KINDS], seen[KINDS];
     bool colored;  // one vertex at least
+    bool drawn;    // a face or a line
     char *message; // of `message_size`, empty: nothing is wrong
     size_t message_size;
 } obj_text;
@@ -322,8 +323,10 @@ static bool write_statement(obj_text *o) {
         ++o->seen[NORMAL];
         return write_normal(o, at);
     case F:
+        o->drawn = true;
         return write_corners(o, "f", at);
     case L:
+        o->drawn = true;
         return write_corners(o, "l", at);
     case P:
         return write_corners(o, "p", at);
@@ -361,6 +364,8 @@ char *scene_plain_obj(const char *path, const char *bytes, size_t *size, char *m
         }
         if (message[0] == '\0' && o.total[VERTEX] == 0) {
             snprintf(message, message_size, "the file holds no vertex");
+        } else if (message[0] == '\0' && !o.drawn) {
+            snprintf(message, message_size, "the file holds no face; export it with them");
         }
     }
     free(o.words);

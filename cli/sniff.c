@@ -38,7 +38,12 @@ static int read_head(const char *command, const char *path, file_head *head) {
     struct stat info;
     ssize_t count = -1;
     int code = CLI_OK;
-    if (fstat(file, &info) != 0 || !S_ISREG(info.st_mode)) {
+    const mode_t mode = fstat(file, &info) == 0 ? info.st_mode : 0;
+    if (S_ISDIR(mode)) {
+        code = cli_fail(
+            command, CLI_INPUT,
+            "%s: this is a folder; name a file in it ('proxycloth batch' takes folders)", path);
+    } else if (!S_ISREG(mode)) {
         code =
             cli_fail(command, CLI_INPUT, "%s: not a regular file; name a mesh or asset file", path);
     } else {

@@ -82,7 +82,8 @@ expect 3 "nowhere.*.obj: nothing matches" batch 'nowhere/*.obj' -o out
 
 # No result takes the place of what it is made from, whatever the path to it.
 expect 2 "cloth.obj: the asset file would replace" voxelize cloth.obj -o ./cloth.obj
-"$program" build cloth.obj --no-png --frames 2 -o mine 2>stderr || fail "build"
+"$program" build cloth.obj --no-png --frames 2 -o mine// 2>stderr || fail "build"
+grep -q -e '-> mine/cloth\.\*$' stderr || fail "where the results are"
 printf '{"frames": 2}' >mine/cloth.json
 for input in cloth.glb cloth.proxy.obj; do
     cp mine/$input original
@@ -111,7 +112,7 @@ expect 3 "empty: no mesh file is there" batch empty -o out
 expect 3 "missing.jsonl: No such file" batch missing.jsonl -o out
 expect 3 "missing.obj: No such file" build missing.obj -o out
 expect 3 "empty.obj: the file is empty" build empty.obj -o out
-expect 3 "folder.obj: not a regular file" build folder.obj -o out
+expect 3 "folder.obj: this is a folder; " build folder.obj -o out
 expect 3 "pipe.obj: not a regular file" build pipe.obj -o out
 expect 3 "hello.xyz: unknown format" build hello.xyz -o out
 expect 3 "hello.glb: this is no GLB file" build hello.glb -o out
@@ -182,7 +183,7 @@ printf 'v 0 0 0\nv 1 1e32 0\nv 0 1 0\nf 1 2 3\n' >huge.obj
 printf 'v 1 2 3\nv 1 2 3\nv 1 2 3\nf 1 2 3\n' >equal.obj
 printf 'v 0 0 0\nv 1 1 1\nv 2 2 2\nf 1 2 3\n' >line.obj
 printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 2\nf 3 4 4\n' >flat.obj
-expect 3 "points.obj: " build points.obj -o out
+expect 3 "points.obj: the file holds no face" build points.obj -o out
 expect 3 "lines.obj: .*no triangle" build lines.obj -o out
 expect 3 "nan.obj: .*vertex [0-9] has z = -?nan" build nan.obj -o out
 expect 3 "inf.obj: .*vertex [0-9] has y = inf" build inf.obj -o out
@@ -231,6 +232,9 @@ expect 4 "file/out: the output folder cannot be written" build cloth.obj -o file
 expect 4 "file/out: the output folder cannot be written" batch cloth.obj -o file/out
 expect 4 "file/out.h5" voxelize cloth.obj -o file/out.h5
 expect 4 "missing/out.h5" voxelize cloth.obj -o missing/out.h5
+
+expect 2 "cloth.obj: body: neither the garment nor the body follows" \
+    build cloth.obj -o out --no-png --frames 2 --body-blend 0.3
 
 # Damaged assets, and stages without the ones before.
 "$program" voxelize cloth.obj -o cloth.h5 --voxels 8 2>stderr || fail "voxelize"

@@ -98,8 +98,8 @@ static size_t list_living(const repair *r, size_t e, uint32_t half[most_wings]) 
     return count;
 }
 
-// Puts the two that continue each other best in front.
-static void find_flattest(const repair *r, uint32_t half[most_wings], size_t count) {
+// Puts the two that continue each other best in front. False: even these are folded back.
+static bool find_flattest(const repair *r, uint32_t half[most_wings], size_t count) {
     double wing[most_wings][3], flattest = INFINITY;
     size_t best[2] = {0, 1};
     for (size_t i = 0; i < count; ++i) {
@@ -116,6 +116,7 @@ static void find_flattest(const repair *r, uint32_t half[most_wings], size_t cou
     }
     const uint32_t pair[2] = {half[best[0]], half[best[1]]};
     memcpy(half, pair, sizeof(pair));
+    return flattest < 0.0;
 }
 
 // Joins at every edge the two living triangles that continue each other best.
@@ -124,10 +125,7 @@ static void glue_edges(repair *r) {
     for (size_t e = 0; e < r->topology.edge_count; ++e) {
         uint32_t half[most_wings];
         const size_t count = list_living(r, e, half);
-        if (count > 2) {
-            find_flattest(r, half, count);
-        }
-        if (count >= 2) {
+        if (count == 2 || (count > 2 && find_flattest(r, half, count))) {
             r->glued[half[0]] = half[1];
             r->glued[half[1]] = half[0];
         }

@@ -12,11 +12,12 @@ typedef struct pci_repair_counts {
 } pci_repair_counts;
 
 // Keeps the marked triangles (NULL: all) except degenerate and duplicate ones. At an edge of more
-// than two triangles only the flattest pair (of the first 64) stays joined; patches are oriented by
-// the majority of their area, a one-sided surface is cut open; each fan of a vertex becomes a
-// vertex of its own. What is still crowded around one edge then is removed. No vertex is left
-// unused; the result may have no triangle. It belongs to the caller (pc_mesh_free). False: out of
-// memory, or cancelled.
+// than two triangles only the flattest pair (of the first 64) stays joined, unless it is folded
+// back at less than a right angle, as where several layers hang from one border; patches are
+// oriented by the majority of their area, a one-sided surface is cut open; each fan of a vertex
+// becomes a vertex of its own. What is still crowded around one edge then is removed. No vertex is
+// left unused; the result may have no triangle. It belongs to the caller (pc_mesh_free). False: out
+// of memory, or cancelled.
 bool pci_mesh_repair(pci_scratch *scratch, const pc_mesh *mesh, const uint8_t *keep,
                      pc_mesh *result, pci_repair_counts *counts);
 

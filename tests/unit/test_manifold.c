@@ -51,6 +51,18 @@ static void the_flattest_pair_stays_joined(void **state) {
     pc_context_destroy(context);
 }
 
+// Layers that hang from one border are not joined to a fold; three walls are still flat enough.
+static void layers_come_apart(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    const double layers[] = {0.0, 0.4, 0.8, 1.2, 1.5}, walls[] = {0.0, 2.0, 2.2};
+    const pc_mesh hung = make_fins(layers, 5);
+    assert_int_equal(count_parts(context, &hung), 5);
+    const pc_mesh crossed = make_fins(walls, 3);
+    assert_int_equal(count_parts(context, &crossed), 2);
+    pc_context_destroy(context);
+}
+
 // However many there are, two at most stay joined.
 static void crowds_come_apart(void **state) {
     (void)state;
@@ -68,6 +80,7 @@ static void crowds_come_apart(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_flattest_pair_stays_joined),
+        cmocka_unit_test(layers_come_apart),
         cmocka_unit_test(crowds_come_apart),
     };
     return cmocka_run_group_tests_name("manifold", tests, NULL, NULL);

@@ -71,6 +71,32 @@ static void sews_a_shirt_to_trousers(void **state) {
     pc_context_destroy(context);
 }
 
+// A waistband is sewn to the skirt at its lower border, whichever comes first: the upper one runs
+// the other way.
+static void sews_a_skirt_to_its_waistband(void **state) {
+    (void)state;
+    pc_context *context = test_context(2);
+    for (int turned = 0; turned < 2; ++turned) {
+        pc_mesh skirt = test_tube(context, 40, 20, 0.5, 1.0);
+        pc_mesh band = test_tube(context, 36, 2, 0.52, 0.15);
+        const double place[3] = {0.0, 0.9, 0.0};
+        for (size_t v = 0; turned == 1 && v < band.vertex_count; ++v) { // upside down
+            band.positions[3 * v + 1] = 0.15 - band.positions[3 * v + 1];
+            band.positions[3 * v + 2] *= -1.0;
+        }
+        pc_mesh mesh = test_union(context, &skirt, &band, place);
+        size_t components = 0, loops = 0;
+        assert_true(sew(context, &mesh, 0.2, &components, &loops));
+        assert_int_equal(components, 1);
+        assert_int_equal(loops, 2);
+        assert_close(pc_mesh_area(&mesh), 2.0 * acos(-1.0) * (0.5 * 0.9 + 0.52 * 0.15), 0.2);
+        pc_mesh_free(context, &mesh);
+        pc_mesh_free(context, &band);
+        pc_mesh_free(context, &skirt);
+    }
+    pc_context_destroy(context);
+}
+
 // Trousers and a shirt that is buttoned up become one tube where the labels bridge a gap, and the
 // front is closed.
 static void closes_the_front_of_a_shirt(void **state) {
@@ -149,6 +175,7 @@ static void survives_a_lack_of_memory(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(sews_a_shirt_to_trousers),
+        cmocka_unit_test(sews_a_skirt_to_its_waistband),
         cmocka_unit_test(closes_the_front_of_a_shirt),
         cmocka_unit_test(leaves_other_things_alone),
         cmocka_unit_test(survives_a_lack_of_memory),

@@ -79,6 +79,9 @@ static const double least_seen = 0.9;
 // Radius of the ball that tells rims from surfaces, in voxels: narrower than openings of note.
 static const double rim_radius = 0.5;
 static const double rim_spacing = 0.25; // in voxels
+// What a layer strays less from, in voxels, it does not leave out. One of several sheets may leave
+// out so many times as much, if its shape is another one.
+static const double left_out_voxels = 2.0, most_left_out = 2.0;
 // Labels that change sides along a sheet, as where another layer hides half of it, keep both sides
 // of the rest, within so many voxels of each other; less than this share of the area is noise at
 // hems.
@@ -494,6 +497,38 @@ static pc_status try_bare(const carve_job *job, const pci_bvh *visual, const pci
     return status;
 }
 
+// Where the layer leaves out much, as the labels do of what hangs below a skirt's outermost layer,
+// the sheet of the cloth that leaves out less is the layer; or one of several of another shape, if
+// that leaves out little more.
+static pc_status try_sheet(const carve_job *job, pc_mesh *layer, pc_carve_report *report) {
+    pci_scratch *scratch = job->cloth->scratch;
+    pc_mesh sheet = {0};
+    pci_shape shape = {0}, other = {0};
+    uint64_t filled = 0;
+    double now = 0.0;
+    bool several = false;
+    pc_status status = find_shape(scratch, layer, &shape);
+    if (status != PC_OK || (report->coverage == 1.0 && shape.components == 1) ||
+        job->options->layer_source != PC_LAYER_AUTO) {
+        return status;
+    }
+    status = pci_farthest(job->cloth, layer, &now);
+    now = fmax(now, left_out_voxels * job->cloth->cell_size);
+    double distance = most_left_out * now;
+    if (status == PC_OK) {
+        status = pci_nearest_sheet(job->cloth, &distance, &several, &sheet, &filled);
+    }
+    if (status == PC_OK && sheet.triangle_count > 0) {
+        status = find_shape(scratch, &sheet, &other);
+    }
+    if (status == PC_OK && sheet.triangle_count > 0 &&
+        (distance < now || (several && !pci_same_topology(&other, &shape)))) {
+        status = take_visual(job, filled, &sheet, layer, report);
+    }
+    pc_mesh_free(scratch->context, &sheet);
+    return status;
+}
+
 // What stands in for the labelled layer where it bridges gaps: the cloth made one sheet, or itself
 // with the gaps' walls. @param shape  of the layer
 static pc_status bridge_gaps(const carve_job *job, const pci_bvh *visual, pci_shape *shape,
@@ -508,18 +543,16 @@ static pc_status bridge_gaps(const carve_job *job, const pci_bvh *visual, pci_sh
     if (status == PC_OK && shall_be_tailored(job, share, shape->components)) {
         status = try_tailoring(job, shape, layer, report, &taken);
     }
-    if (status != PC_OK || taken) {
-        return status;
-    }
-    if (share > 0.0) {
+    if (status == PC_OK && !taken && share > 0.0) {
         status = mend_bridges(job, &webbed);
     }
-    if (status == PC_OK) {
+    if (status == PC_OK && !taken) {
         status = measure(job, layer, shape, report);
     }
-    return status == PC_OK && job->options->layer_source == PC_LAYER_AUTO
-               ? try_bare(job, visual, shape, layer, report)
-               : status;
+    if (status == PC_OK && !taken && job->options->layer_source == PC_LAYER_AUTO) {
+        status = try_bare(job, visual, shape, layer, report);
+    }
+    return status == PC_OK ? try_sheet(job, layer, report) : status;
 }
 
 // The labelled layer, unless another one is better. Shapes are compared before anything is done

@@ -69,13 +69,33 @@ static bool find_run(pci_seam *s, double limit, double widest_gap) {
                                      &b->points[3 * against(s, s->steps)])) <= widest_gap;
 }
 
+static void edge_from(const pci_loop *loop, size_t i, double edge[3]) {
+    pci_sub(&loop->points[3 * ((i + 1) % loop->count)], &loop->points[3 * i], edge);
+    pci_normalize(edge);
+}
+
+// Whether loops near each other run the same way, as the upper borders of a waistband and of what
+// hangs below it do: no seam lies between them.
+static bool run_alike(const pci_loop *a, const pci_loop *b) {
+    double sum = 0.0;
+    for (size_t i = 0; i < a->count; ++i) {
+        uint32_t nearest = 0;
+        double squared = 0.0, ours[3], theirs[3];
+        pci_knn_query(&b->nearest, &a->points[3 * i], 1, PC_INVALID_INDEX, &nearest, &squared);
+        edge_from(a, i, ours);
+        edge_from(b, nearest, theirs);
+        sum += pci_dot(ours, theirs);
+    }
+    return sum > 0.0;
+}
+
 bool pci_find_seam(const pci_loop *a, const pci_loop *b, double reach, pci_seam *s) {
     *s = (pci_seam){.a = a, .b = b, .steps = b->count};
     if (a->count + 1 > most_rungs / (b->count + 1)) {
         return false;
     }
     const double apart = distance_from(a, b);
-    if (apart > reach + b->longest) {
+    if (apart > reach + b->longest || run_alike(a, b)) {
         return false;
     }
     if (distance_from(b, a) > reach + a->longest) {

@@ -27,7 +27,8 @@ typedef struct pci_seam {
 } pci_seam;
 
 // Finds where two loops run along each other: all the way around both, or around `a` along a part
-// of `b` that nearly closes, as the hem of a shirt that is buttoned up. False: they do not.
+// of `b` that nearly closes, as the hem of a shirt that is buttoned up. False: they do not, or both
+// run the same way around.
 bool pci_find_seam(const pci_loop *a, const pci_loop *b, double reach, pci_seam *seam);
 
 // Appends the triangles between the shortest rungs, a->count + b->count + 1 at most, which lie

@@ -3,6 +3,7 @@
 #include <stdatomic.h>
 
 #include "core/core.h"
+#include "geometry/hausdorff.h"
 #include "geometry/hems.h"
 #include "geometry/manifold.h"
 #include "geometry/notches.h"
@@ -41,6 +42,10 @@ static const double stitch_voxels = 0.005;
 static const double attached_voxels = 3.0;
 // Fronts whose sides are so near to each other are closed, in voxels.
 static const double front_voxels = 1.0;
+// How exactly it is known how far the visual mesh strays from sheets, in voxels.
+static const double sheet_tolerance = 0.1;
+// One of several sheets: another part with a border has so much of its area.
+static const double least_other = 0.5;
 // Thicker shells are solids, in voxels.
 static const double thickest_shell = 4.0;
 
@@ -346,22 +351,30 @@ pc_status pci_visual_layer(const pci_cloth *cloth, bool always, pc_mesh *layer,
     return status;
 }
 
-// Finds the open component whose bounding box has the longest diagonal; `count`: all are closed.
-static bool find_longest(pci_scratch *scratch, const pc_mesh *mesh, const pci_topology *edges,
-                         const uint32_t *component, size_t count, size_t *longest) {
-    const uint8_t *open = find_open(scratch, edges, component, count);
-    double *boxes = PCI_SCRATCH(scratch, double, 6 * count), most = 0.0; // high, and low reversed
-    if (scratch->failed) {
-        return false;
-    }
-    for (size_t i = 0; i < 6 * count; ++i) {
+// Finds the bounding boxes of components: high, and low reversed. NULL: out of memory.
+static double *find_boxes(pci_scratch *scratch, const pc_mesh *mesh, const uint32_t *component,
+                          size_t count) {
+    double *boxes = PCI_SCRATCH(scratch, double, 6 * count);
+    for (size_t i = 0; boxes != NULL && i < 6 * count; ++i) {
         boxes[i] = -HUGE_VAL;
     }
-    for (size_t i = 0; i < 9 * mesh->triangle_count; ++i) {
+    for (size_t i = 0; boxes != NULL && i < 9 * mesh->triangle_count; ++i) {
         const double x = mesh->positions[3 * (size_t)mesh->triangles[i / 3] + i % 3];
         double *box = &boxes[6 * (size_t)component[i / 9] + i % 3];
         box[0] = fmax(box[0], x);
         box[3] = fmax(box[3], -x);
+    }
+    return boxes;
+}
+
+// Finds the open component whose bounding box has the longest diagonal; `count`: all are closed.
+static bool find_longest(pci_scratch *scratch, const pc_mesh *mesh, const pci_topology *edges,
+                         const uint32_t *component, size_t count, size_t *longest) {
+    const uint8_t *open = find_open(scratch, edges, component, count);
+    const double *boxes = find_boxes(scratch, mesh, component, count);
+    double most = 0.0;
+    if (scratch->failed) {
+        return false;
     }
     *longest = count;
     for (size_t i = 0; i < count; ++i) {
@@ -463,6 +476,104 @@ pc_status pci_bare_layer(const pci_cloth *cloth, pc_mesh *layer, uint64_t *fille
     }
     pci_scratch_rewind(scratch, mark);
     if (status != PC_OK || found.layering != PCI_PLAIN) {
+        pc_mesh_free(scratch->context, layer);
+    }
+    return status;
+}
+
+// ---- one sheet of several -----------------------------------------------------------------------
+
+// Whether the box of a part comes within `reach` of all sides of the whole.
+static bool spans(const double *part, const double whole[6], double reach) {
+    bool near = true;
+    for (size_t i = 0; i < 6; ++i) {
+        near = near && part[i] >= whole[i] - reach;
+    }
+    return near;
+}
+
+// A part of the cloth as a garment of its own: `sheet` stays empty where that is layered.
+// @param keep  #F of the cloth
+static pc_status make_sheet(const pci_cloth *cloth, const uint8_t *keep, pc_mesh *sheet,
+                            uint64_t *filled_loops) {
+    pci_cloth part = {
+        .scratch = cloth->scratch, .stage = cloth->stage, .cell_size = cloth->cell_size};
+    pci_layering layering = PCI_LAYERED;
+    pc_status status = pci_mesh_compact(cloth->scratch, &cloth->mesh, keep, &part.mesh, NULL)
+                           ? find_edges(&part)
+                           : pci_fail_memory(cloth->scratch->context, cloth->stage);
+    if (status == PC_OK) {
+        part.surface = &part.mesh;
+        status = pci_visual_layer(&part, false, sheet, &layering, filled_loops);
+    }
+    pc_mesh_free(cloth->scratch->context, &part.mesh);
+    return status;
+}
+
+pc_status pci_farthest(const pci_cloth *cloth, const pc_mesh *layer, double *distance) {
+    pc_context *context = cloth->scratch->context;
+    pci_bvh *bvh = NULL;
+    pc_status status = pci_bvh_create(context, cloth->stage, layer, &bvh);
+    if (status == PC_OK) {
+        status = pci_directed_hausdorff(context, cloth->stage, cloth->surface, layer, bvh,
+                                        sheet_tolerance * cloth->cell_size, distance);
+    }
+    pci_bvh_destroy(context, bvh);
+    return status;
+}
+
+pc_status pci_nearest_sheet(const pci_cloth *cloth, double *distance, bool *several, pc_mesh *layer,
+                            uint64_t *filled_loops) {
+    pci_scratch *scratch = cloth->scratch;
+    const pc_mesh *mesh = &cloth->mesh;
+    uint32_t *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
+    uint32_t *whole = PCI_SCRATCH(scratch, uint32_t, cloth->surface->triangle_count);
+    uint8_t *keep = PCI_SCRATCH(scratch, uint8_t, mesh->triangle_count);
+    if (scratch->failed) {
+        return pci_fail_memory(scratch->context, cloth->stage);
+    }
+    const size_t count = pci_triangle_components(scratch, mesh, &cloth->edges, component);
+    const uint8_t *open = find_open(scratch, &cloth->edges, component, count);
+    const double *boxes = find_boxes(scratch, mesh, component, count);
+    const double *box = find_boxes(scratch, cloth->surface, whole, 1);
+    double *areas = PCI_SCRATCH(scratch, double, count);
+    if (scratch->failed) {
+        return pci_fail_memory(scratch->context, cloth->stage);
+    }
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        areas[component[t]] += pci_triangle_area(mesh, t);
+    }
+    const struct pci_scratch_block *mark = scratch->blocks;
+    pc_status status = PC_OK;
+    for (size_t i = 0; i < count && status == PC_OK; ++i) {
+        if (!open[i] || !spans(&boxes[6 * i], box, *distance)) {
+            continue;
+        }
+        pc_mesh sheet = {0};
+        uint64_t filled = 0;
+        double far = INFINITY;
+        for (size_t t = 0; t < mesh->triangle_count; ++t) {
+            keep[t] = component[t] == i;
+        }
+        status = make_sheet(cloth, keep, &sheet, &filled);
+        if (status == PC_OK && sheet.triangle_count > 0) {
+            status = pci_farthest(cloth, &sheet, &far);
+        }
+        pci_scratch_rewind(scratch, mark);
+        if (status == PC_OK && far < *distance) {
+            const pc_mesh swapped = *layer;
+            *layer = sheet;
+            sheet = swapped;
+            *distance = far;
+            *filled_loops = filled;
+            *several = false;
+            for (size_t k = 0; k < count; ++k) {
+                *several = *several || (k != i && open[k] && areas[k] >= least_other * areas[i]);
+            }
+        }
+        pc_mesh_free(scratch->context, &sheet);
+    }
+    if (status != PC_OK) {
         pc_mesh_free(scratch->context, layer);
     }
     return status;

@@ -126,6 +126,7 @@ bool pci_skin_coarsen(pci_scratch *scratch, const pci_skin_problem *fine, pci_sk
                fine->slots * sizeof(*bones));
     }
     *p = *fine;
+    p->coarse = true;
     p->ranks = NULL;
     p->layers = NULL; // what lies between parts is too near for few vertices
     p->vertex_count = nv;

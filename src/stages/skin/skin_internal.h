@@ -20,6 +20,7 @@ typedef struct pci_skin_problem {
     double near_epsilon;        // epsilon_z of (10)
     double norms[3];            // of L_r, L_c, L_a; see pc_skin_losses
     double typical;             // 0, or the squared length at which an edge has stiffness 1
+    bool coarse;                // few of the vertices stand for all: room per vertex is no matter
     const uint32_t *order;      // #V, along a curve through space, for patches and groups
     size_t proxy_count;
     const double *proxy_rest; // #P by 3

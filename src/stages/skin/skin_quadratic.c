@@ -57,7 +57,7 @@ enum { KEPT_SLOTS = 8, LOADED_SLOTS = 16 };
 static size_t triangle_size(size_t slots) { return slots * (slots - 1) / 2; }
 
 static size_t kept_size(const pci_skin_quadratic *q) {
-    return triangle_size(q->widest < KEPT_SLOTS ? q->widest : KEPT_SLOTS);
+    return triangle_size(q->widest < q->kept ? q->widest : q->kept);
 }
 
 // Room for the largest group, for each thread.
@@ -101,6 +101,7 @@ bool pci_skin_quadratic_build(pci_scratch *scratch, const pci_skin_problem *prob
     q->points = points;
     q->gram = gram;
     q->allowed = allowed;
+    q->kept = problem->coarse ? LOADED_SLOTS : KEPT_SLOTS;
     q->faces = PCI_SCRATCH(scratch, uint32_t, q->vertex_count);
     q->factors = PCI_SCRATCH(scratch, float, q->vertex_count *kept_size(q));
     return !scratch->failed && pci_skin_matrix_build(scratch, problem, scale, diagonal, q) &&
@@ -442,7 +443,7 @@ static inline __attribute__((always_inline)) bool minimize_on_face(const sweep_j
         return false;
     }
     const size_t member = g->first + row;
-    const bool kept = face.count <= KEPT_SLOTS;
+    const bool kept = face.count <= q->kept;
     uint32_t *known = kept ? &q->faces[member] : &g->faces[row];
     float *factor =
         kept ? &q->factors[member * kept_size(q)] : &g->factors[row * triangle_size(LOADED_SLOTS)];
@@ -469,17 +470,22 @@ static inline __attribute__((always_inline)) bool minimize_on_face(const sweep_j
     return true;
 }
 
-// Gives a slot another weight.
-static void move_slot(const sweep_job *job, size_t row, uint32_t slot, double weight,
-                      pci_skin_group *g) {
+// Gives a row the weights of its program.
+static inline __attribute__((always_inline)) void move_row(const sweep_job *job, size_t row,
+                                                           const row_program *r, const size_t width,
+                                                           pci_skin_group *g) {
     const pci_skin_quadratic *q = job->q;
-    const size_t v = g->vertices[row], at = v * q->slots + slot, width = q->width;
-    float *moved = &g->moved[row * g->stride + width * g->places[row * q->slots + slot]];
-    const double step = (double)job->moved[at] + (weight - job->weights[at]);
-    job->weights[at] = weight;
-    job->moved[at] = (float)step;
-    for (size_t k = 0; k < width; ++k) {
-        moved[k] = (float)(step * q->points[pci_skin_point_at(v, width) + k]);
+    const size_t v = g->vertices[row];
+    const double *x = &q->points[pci_skin_point_at(v, width)];
+    float *row_moved = &g->moved[row * g->stride];
+    for (uint32_t i = 0; i < r->count; ++i) {
+        const size_t at = v * q->slots + r->slots[i];
+        const double step = (double)job->moved[at] + (r->weights[i] - job->weights[at]);
+        job->weights[at] = r->weights[i];
+        job->moved[at] = (float)step;
+        for (size_t k = 0; k < width; ++k) {
+            row_moved[width * r->places[i] + k] = (float)(step * x[k]);
+        }
     }
 }
 
@@ -501,9 +507,7 @@ minimize_row(const sweep_job *job, size_t row, const size_t width, pci_skin_grou
             }
         }
     }
-    for (uint32_t i = 0; i < r.count; ++i) {
-        move_slot(job, row, r.slots[i], r.weights[i], g);
-    }
+    move_row(job, row, &r, width, g);
 }
 
 // Rows that follow one another are far apart in arrays by vertex.

@@ -67,8 +67,9 @@ typedef struct pci_skin_quadratic {
     const uint32_t *allowed; // #V, bit k: slot k may have weight
     // Where a row lies on the face of the free slots, its gradient g moves it by -C g / M_ii to the
     // minimum there. F of C (pci_simplex_factor of x^T G x) stays as long as the face and G do.
-    uint32_t *faces;        // by member, bits of the free slots that F is for, 0: none
-    float *factors;         // by member: F of faces that are not too large
+    uint32_t *faces; // by member, bits of the free slots that F is for, 0: none
+    float *factors;  // by member: F of faces of at most `kept` slots
+    uint32_t kept;
     pci_skin_group *loaded; // #threads
 } pci_skin_quadratic;
 

@@ -20,26 +20,29 @@ void pci_simplex_round(uint32_t count, double *w) {
 void pci_simplex_factor(uint32_t n, double ridge, const double *a, double *factor) {
     double *row = factor;
     for (uint32_t i = 1; i < n; row += i++) {
-        const double *ai = &a[i * n];
+        const double *ai = &a[i * n], *before = factor;
         double pivot = ai[i] - 2.0 * ai[0] + a[0] + 2.0 * ridge;
-        const double *before = factor;
-        memset(row, 0, i * sizeof(*row));
+        double h[PCI_SKIN_SLOTS_MAX], sums[PCI_SKIN_SLOTS_MAX];
+        for (uint32_t j = 1; j < i; ++j) {
+            h[j - 1] = ai[j] - ai[0] - a[j] + a[0] + ridge;
+            sums[j - 1] = 0.0;
+        }
         for (uint32_t r = 1; r < i; before += r++) {
             double sum = 0.0;
-            for (uint32_t j = 1; j <= r; ++j) {
-                sum += before[j - 1] * (ai[j] - ai[0] - a[j] + a[0] + ridge);
+            for (uint32_t j = 0; j < r; ++j) {
+                sum += before[j] * h[j];
             }
             pivot -= sum * sum;
-            for (uint32_t j = 1; j <= r; ++j) {
-                row[j - 1] -= sum * before[j - 1];
+            for (uint32_t j = 0; j < r; ++j) {
+                sums[j] -= sum * before[j];
             }
         }
         // Rounding may leave less than the ridge.
         const double scale = 1.0 / sqrt(pivot > ridge ? pivot : ridge);
-        row[i - 1] = 1.0;
-        for (uint32_t j = 0; j < i; ++j) {
-            row[j] *= scale;
+        for (uint32_t j = 0; j + 1 < i; ++j) {
+            row[j] = scale * sums[j];
         }
+        row[i - 1] = scale;
     }
 }
 
@@ -73,6 +76,16 @@ static inline __attribute__((always_inline)) double sum_of(const size_t stride, 
     return sum;
 }
 
+// y += factor x, of `count` rounded up to fours.
+static inline void add_fours(size_t count, double factor, const double *restrict x,
+                             double *restrict y) {
+    for (size_t j = 0; j < count; j += 4) {
+        for (size_t k = 0; k < 4; ++k) {
+            y[j + k] += factor * x[j + k];
+        }
+    }
+}
+
 // C grows by v v^T / v^T (A + ridge I) v, where v gives to the slot and takes from the face what
 // leaves its gradient even. `stride` is known where this is compiled, here and below.
 static inline __attribute__((always_inline)) void enter(program *p, const size_t stride,
@@ -84,6 +97,7 @@ static inline __attribute__((always_inline)) void enter(program *p, const size_t
         return;
     }
     const uint32_t other = (uint32_t)__builtin_ctzll(face);
+    const size_t end = 64 - (size_t)__builtin_clzll(p->face); // slots from here on are 0
     size_t n = 0;
     do { // there is one at least
         h[n] = p->a[slot * stride + n] - p->a[other * stride + n];
@@ -95,9 +109,7 @@ static inline __attribute__((always_inline)) void enter(program *p, const size_t
     v[other] = -1.0;
     for (uint64_t left = face; left != 0;) {
         const uint32_t i = take_first(&left);
-        for (size_t j = 0; j < stride; ++j) {
-            v[j] -= h[i] * p->inverse[i * stride + j];
-        }
+        add_fours(end, -h[i], &p->inverse[i * stride], v);
     }
     v[other] -= sum_of(stride, v);
     for (uint64_t left = p->face; left != 0;) {
@@ -111,9 +123,7 @@ static inline __attribute__((always_inline)) void enter(program *p, const size_t
     }
     for (uint64_t left = p->face; left != 0;) {
         const uint32_t i = take_first(&left);
-        for (size_t j = 0; j < stride; ++j) {
-            p->inverse[i * stride + j] += v[i] * v[j];
-        }
+        add_fours(end, v[i], v, &p->inverse[i * stride]);
     }
 }
 

@@ -8,7 +8,8 @@
 /// Shallow strips of the outside that the labels leave out (nowhere farther than 3 voxels from
 /// their border, a tenth of which is farther than 1.5 voxels from all rims of the garment, and of
 /// less than a tenth of the kept area), as beneath the hem of a layer that hangs over another or on
-/// top of a leaf, are kept as well.
+/// top of a leaf, are kept as well; not so the other side of a strap, which has what is kept across
+/// and along its border no more than another narrow strip.
 /// A strap about as thick as wide is a rod in the graph, of which the labels may leave out all:
 /// what lies farther than 2 voxels from what they keep, with more of the same across the solid, is
 /// kept all around. Where the labels keep both sides of a sheet (a tenth of the area or more lies

@@ -45,7 +45,7 @@ typedef struct pc_graph_options {
     double opposite_epsilon;
     double inward_offset;  ///< in voxels
     double outward_offset; ///< in voxels
-    /// A solid at least half a voxel thick is a rod where it is less than so many times as wide as
+    /// A solid at least a voxel thick is a rod where it is less than so many times as wide as
     /// thick; 0: everything is a sheet, as in the paper.
     double tube_aspect;
 } pc_graph_options;

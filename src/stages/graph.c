@@ -224,8 +224,8 @@ static double find_edge_weights(const pci_topology *topology, const double *curv
 // ---- opposite vertices --------------------------------------------------------------------------
 
 enum { TUBE_DIRECTIONS = 6 };
-// Thinner solids are sheets, in voxels.
-static const double least_tube = 0.5;
+// Thinner solids are sheets, in voxels: cords of straps, for which a proxy's tube is too thick.
+static const double least_tube = 1.0;
 
 typedef struct ray_filter {
     const pc_mesh *mesh;

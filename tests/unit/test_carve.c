@@ -115,7 +115,9 @@ static void keeps_dents(void **state) {
         }
         pci_knn points;
         assert_true(pci_knn_build(&scratch, count, rims, &points));
-        assert_true(pci_keep_dents(&scratch, &sheet, &points, 1.0, keep));
+        pci_bvh *tree = NULL;
+        assert_ok(context, pci_keep_dents(&scratch, "test", &sheet, &points, 1.0, &tree, keep));
+        pci_bvh_destroy(context, tree);
         for (size_t t = 0; t < sheet.triangle_count; ++t) {
             left_out += !keep[t];
         }
@@ -123,6 +125,46 @@ static void keeps_dents(void **state) {
     }
     pc_mesh left = sheet;
     pc_mesh_free(context, &left);
+    pci_scratch_end(&scratch);
+    pc_context_destroy(context);
+}
+
+// The lower side of a rod is no dent of it, beside a body that is large enough for one; a strip of
+// the same size beneath a slab is.
+static void leaves_other_sides_of_straps(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    pci_scratch scratch = pci_scratch_begin(context);
+    for (int wide = 0; wide < 2; ++wide) {
+        pc_mesh mesh = shape_box(context, 30, wide ? 20 : 2, 1);
+        pc_mesh body = shape_box(context, 30, 30, 30);
+        const size_t strap = mesh.triangle_count;
+        for (size_t v = 0; v < body.vertex_count; ++v) {
+            body.positions[3 * v] += 100.0;
+        }
+        shape_append(context, &mesh, &body, false);
+        pc_mesh_free(context, &body);
+        uint8_t *keep = PCI_SCRATCH(&scratch, uint8_t, mesh.triangle_count);
+        size_t left_out = 0;
+        for (size_t t = 0; t < mesh.triangle_count; ++t) {
+            double middle[3];
+            pci_triangle_middle(&mesh, t, middle);
+            const double aside = fabs(middle[1] - (wide ? 10.0 : 1.0));
+            keep[t] = t >= strap || middle[2] > 0.0 || aside > 1.0;
+            left_out += !keep[t];
+        }
+        assert_int_equal(left_out, 120);
+        pci_knn points;
+        pci_bvh *tree = NULL;
+        assert_true(pci_knn_build(&scratch, 0, NULL, &points));
+        assert_ok(context, pci_keep_dents(&scratch, "test", &mesh, &points, 1.0, &tree, keep));
+        for (size_t t = 0; t < mesh.triangle_count; ++t) {
+            left_out -= !keep[t];
+        }
+        assert_int_equal(left_out, wide ? 120 : 0);
+        pci_bvh_destroy(context, tree);
+        pc_mesh_free(context, &mesh);
+    }
     pci_scratch_end(&scratch);
     pc_context_destroy(context);
 }
@@ -750,6 +792,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(keeps_triangles_with_two_labels),
         cmocka_unit_test(keeps_dents),
+        cmocka_unit_test(leaves_other_sides_of_straps),
         cmocka_unit_test(fills_short_holes_only),
         cmocka_unit_test(drops_small_parts),
         cmocka_unit_test(keeps_one_side_of_a_sheet),

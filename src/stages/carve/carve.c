@@ -171,12 +171,15 @@ static pc_status extract(const carve_job *job, pci_bvh **projected, pc_mesh *lay
     pci_scratch *scratch = job->cloth->scratch;
     pc_context *context = scratch->context;
     uint8_t *keep = kept_triangles(job);
-    if (keep == NULL ||
-        !pci_keep_dents(scratch, job->projected, &job->rims->points, job->cloth->cell_size, keep)) {
+    if (keep == NULL) {
         return pci_fail_memory(context, stage);
     }
-    pc_status status = pci_leave_hollows(scratch, stage, job->projected,
-                                         hollow_voxels * job->cloth->cell_size, keep);
+    pc_status status = pci_keep_dents(scratch, stage, job->projected, &job->rims->points,
+                                      job->cloth->cell_size, projected, keep);
+    if (status == PC_OK) {
+        status = pci_leave_hollows(scratch, stage, job->projected,
+                                   hollow_voxels * job->cloth->cell_size, keep);
+    }
     pci_repair_counts counts;
     if (status == PC_OK && !pci_mesh_repair(scratch, job->projected, keep, layer, &counts)) {
         status = pci_fail_memory(context, stage);

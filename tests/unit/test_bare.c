@@ -22,13 +22,15 @@ static pc_mesh belt(pc_context *context, double collar, double pouch) {
     return mesh;
 }
 
-static pc_status bare(pc_context *context, const pc_mesh *mesh, pc_mesh *layer, bool *covers) {
+static pc_status bare(pc_context *context, const pc_mesh *mesh, double thickness, pc_mesh *layer,
+                      bool *covers) {
     pci_scratch scratch = pci_scratch_begin(context);
     pci_cloth cloth = {.scratch = &scratch,
                        .stage = "test",
                        .surface = mesh,
                        .cell_size = cell_size,
-                       .mesh = *mesh};
+                       .mesh = *mesh,
+                       .thickness = thickness};
     uint64_t filled = 0;
     const pc_status status = pci_topology_build_edges(&scratch, mesh, &cloth.edges)
                                  ? pci_bare_layer(&cloth, layer, &filled, covers)
@@ -49,9 +51,42 @@ static void takes_off_what_is_put_on(void **state) {
         pc_mesh mesh = belt(context, cases[i].collar * cell_size, cases[i].pouch * cell_size);
         pc_mesh layer = {0};
         bool covers = false;
-        assert_ok(context, bare(context, &mesh, &layer, &covers));
+        assert_ok(context, bare(context, &mesh, 0.0, &layer, &covers));
         assert_int_equal(layer.triangle_count, cases[i].triangles);
         assert_int_equal(covers, cases[i].covers);
+        pc_mesh_free(context, &layer);
+        pc_mesh_free(context, &mesh);
+    }
+    pc_context_destroy(context);
+}
+
+// What stands off as far as shells are thick is put on; a sleeve, whose far end is an opening of
+// its own, goes on from the part that it begins at, however much of it is near.
+static void tells_pouches_from_sleeves(void **state) {
+    (void)state;
+    const struct {
+        double from, to, radius, thickness; // of a tube that stands off
+        size_t triangles;
+    } cases[] = {{1.4, 1.5, 0.2, 0.0, 0},
+                 {1.4, 1.5, 0.2, 0.15, 0},
+                 {1.4, 1.5, 0.2, 0.25, 1024},
+                 {1.0, 1.25, 0.2, 0.0, 1024},
+                 {1.0, 1.5, 0.2, 0.0, 0}};
+    pc_context *context = test_context(2);
+    for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); ++i) {
+        pc_mesh mesh = test_tube(context, 32, 16, 1.0, 4.0), layer = {0};
+        const double length = cases[i].to - cases[i].from;
+        pc_mesh sleeve = test_tube(context, 16, 10, cases[i].radius, length);
+        sew_turn(&sleeve, 2, 0.25);
+        double low = INFINITY;
+        for (size_t v = 0; v < sleeve.vertex_count; ++v) {
+            low = fmin(low, sleeve.positions[3 * v]);
+        }
+        sew_move(&sleeve, cases[i].from - low, 2.0, 0.0);
+        sew_add(context, &mesh, sleeve);
+        bool covers = false;
+        assert_ok(context, bare(context, &mesh, cases[i].thickness, &layer, &covers));
+        assert_int_equal(layer.triangle_count, cases[i].triangles);
         pc_mesh_free(context, &layer);
         pc_mesh_free(context, &mesh);
     }
@@ -72,7 +107,7 @@ static void needs_a_plain_part(void **state) {
             sew_move(&ball, 9.0, 0.0, 0.0);
             sew_add(context, &meshes[i], ball);
         }
-        assert_ok(context, bare(context, &meshes[i], &layer, &covers));
+        assert_ok(context, bare(context, &meshes[i], 0.0, &layer, &covers));
         assert_int_equal(layer.triangle_count, 0);
         assert_false(covers);
         pc_mesh_free(context, &meshes[i]);
@@ -90,7 +125,7 @@ static void survives_lack_of_memory(void **state) {
     bool covers = false;
     for (;; ++failures) {
         fail_allocation(&counter, failures + 1);
-        const pc_status status = bare(context, &mesh, &layer, &covers);
+        const pc_status status = bare(context, &mesh, 0.0, &layer, &covers);
         if (status == PC_OK) {
             break;
         }
@@ -109,6 +144,7 @@ static void survives_lack_of_memory(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(takes_off_what_is_put_on),
+        cmocka_unit_test(tells_pouches_from_sleeves),
         cmocka_unit_test(needs_a_plain_part),
         cmocka_unit_test(survives_lack_of_memory),
     };

@@ -388,7 +388,29 @@ static bool find_longest(pci_scratch *scratch, const pc_mesh *mesh, const pci_to
     return true;
 }
 
-// Whether at least half of each component of the cloth is near to a part of it.
+// Borders of each component of the cloth. NULL: out of memory.
+static size_t *count_borders(const pci_cloth *cloth, const uint32_t *component, size_t count) {
+    pci_scratch *scratch = cloth->scratch;
+    const pc_mesh *mesh = &cloth->mesh;
+    size_t loops = 0, *offsets = NULL;
+    uint32_t *vertices = NULL, *of = PCI_SCRATCH(scratch, uint32_t, mesh->vertex_count);
+    size_t *borders = PCI_SCRATCH(scratch, size_t, count);
+    if (scratch->failed ||
+        !pci_boundary_loops(scratch, mesh, &cloth->edges, &loops, &offsets, &vertices)) {
+        return NULL;
+    }
+    for (size_t i = 0; i < 3 * mesh->triangle_count; ++i) {
+        of[mesh->triangles[i]] = component[i / 3];
+    }
+    for (size_t i = 0; i < loops; ++i) {
+        ++borders[of[vertices[offsets[i]]]];
+    }
+    return borders;
+}
+
+// Whether all components of the cloth are put onto a part of it: at least half of each is near, and
+// all of what has several borders, unlike a sleeve that goes on from it. The outsides of pouches
+// are as far away as these are thick.
 static pc_status find_worn(const pci_cloth *cloth, const uint32_t *component, size_t count,
                            const pc_mesh *part, bool *worn) {
     pci_scratch *scratch = cloth->scratch;
@@ -396,14 +418,15 @@ static pc_status find_worn(const pci_cloth *cloth, const uint32_t *component, si
     pci_bvh *bvh = NULL;
     uint8_t *missed = PCI_SCRATCH(scratch, uint8_t, mesh->vertex_count);
     size_t *near = PCI_SCRATCH(scratch, size_t, 2 * count);
-    if (scratch->failed) {
+    const size_t *borders = count_borders(cloth, component, count);
+    if (scratch->failed || borders == NULL) {
         return pci_fail_memory(scratch->context, cloth->stage);
     }
     const pc_status status = pci_bvh_create(scratch->context, cloth->stage, part, &bvh);
     if (status != PC_OK) {
         return status;
     }
-    cover_job cover = {bvh, mesh, attached_voxels * cloth->cell_size, missed};
+    cover_job cover = {bvh, mesh, attached_voxels * cloth->cell_size + cloth->thickness, missed};
     const bool done =
         pci_parallel_while_wanted(scratch->context, mesh->vertex_count, grain, find_missed, &cover);
     pci_bvh_destroy(scratch->context, bvh);
@@ -412,7 +435,8 @@ static pc_status find_worn(const pci_cloth *cloth, const uint32_t *component, si
     }
     *worn = true;
     for (size_t i = 0; i < count; ++i) {
-        *worn = *worn && near[2 * i] >= near[2 * i + 1];
+        const size_t away = near[2 * i + 1];
+        *worn = *worn && (borders[i] > 1 ? away == 0 : near[2 * i] >= away);
     }
     return done ? PC_OK : pci_fail_memory(scratch->context, cloth->stage);
 }

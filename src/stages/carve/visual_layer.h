@@ -50,8 +50,9 @@ PC_NODISCARD pc_status pci_face_like(pci_scratch *scratch, const char *stage,
 
 // Of several parts the one that reaches farthest of those that have a border, if others are put
 // onto it, as pouches on a belt or a collar on a coat: at least half of each is within three voxels
-// of it. `covers` tells whether all of the visual mesh is. `layer` stays empty where there is no
-// such part, or it is not plain. PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY;
+// (and the thickness of shells) of it, and all of those that have several borders, as sleeves have.
+// `covers` tells whether all of the visual mesh is within three voxels. `layer` stays empty where
+// there is no such part, or it is not plain. PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY;
 // PC_ERROR_CANCELLED.
 PC_NODISCARD pc_status pci_bare_layer(const pci_cloth *cloth, pc_mesh *layer,
                                       uint64_t *filled_loops, bool *covers);

@@ -144,7 +144,8 @@ static float squared(float radius) {
 
 static void around(const pci_bvh_tree *tree, const pci_bvh_ball *ball, pci_bvh_visit visit,
                    void *user) {
-    pending stack[DEPTH] = {{0.0F, 0}};
+    pending stack[DEPTH];
+    stack[0] = (pending){0.0F, 0};
     float radius = ball->radius, most = squared(radius);
     for (size_t size = 1; size > 0;) {
         const pending next = stack[--size];
@@ -232,7 +233,8 @@ static void along(const pci_bvh_tree *tree, const pci_bvh_ray *ray, pci_bvh_stri
         line.inverse[k] = 1.0F / (fabsf(step) < least ? copysignf(least, step) : step);
         line.side[k] = line.inverse[k] < 0.0F;
     }
-    pending stack[DEPTH] = {{0.0F, 0}};
+    pending stack[DEPTH];
+    stack[0] = (pending){0.0F, 0};
     float reach = ray->reach;
     for (size_t size = 1; size > 0;) {
         const pending next = stack[--size];

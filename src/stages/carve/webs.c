@@ -215,10 +215,13 @@ static void find_beyond(void *user, size_t begin, size_t end, uint32_t worker) {
         }
         double middle[3];
         pci_triangle_middle(job->other, t, middle);
+        if (pci_bvh_within_near(job->rest_bvh, middle, job->reach, &last)) {
+            continue;
+        }
         const pci_closest closest = pci_bvh_closest_near(job->rest_bvh, middle, last);
         const uint32_t *corner = &job->rest->triangles[3 * (size_t)closest.triangle];
+        uint8_t ring = 1;
         last = closest.triangle;
-        uint8_t ring = closest.distance > job->reach;
         for (size_t c = 0; c < 3 && ring > 0; ++c) {
             if (closest.barycentric[c] > 0.0) {
                 const uint8_t at = job->ring[corner[c]];

@@ -1,5 +1,7 @@
 #include "geometry/knn.h"
 
+enum { FEW = 8 }; // points that are not divided further: all are looked at
+
 static bool comes_before(const double *points, size_t axis, uint32_t a, uint32_t b) {
     const double x = points[3 * (size_t)a + axis], y = points[3 * (size_t)b + axis];
     return x < y || (x == y && a < b);
@@ -60,7 +62,7 @@ static size_t widest_axis(const double *points, const uint32_t *order, size_t be
 }
 
 static void split(const pci_knn *knn, size_t begin, size_t end) {
-    while (end - begin > 1) {
+    while (end - begin > FEW) {
         const size_t middle = begin + (end - begin) / 2;
         const size_t axis = widest_axis(knn->points, knn->order, begin, end);
         select_middle(knn->points, axis, knn->order, begin, end, middle);
@@ -131,7 +133,7 @@ static void offer(search *s, uint32_t candidate) {
 }
 
 static void visit(search *s, size_t begin, size_t end) {
-    while (begin < end) {
+    while (end - begin > FEW) {
         const size_t middle = begin + (end - begin) / 2;
         const uint32_t root = s->knn->order[middle];
         const size_t axis = s->knn->axes[middle];
@@ -149,6 +151,9 @@ static void visit(search *s, size_t begin, size_t end) {
         if (offset * offset > s->bound) {
             return;
         }
+    }
+    for (; begin < end; ++begin) {
+        offer(s, s->knn->order[begin]);
     }
 }
 

@@ -8,7 +8,7 @@
 typedef struct pci_knn {
     size_t point_count;
     const double *points;  // #P by 3, the caller's
-    uint32_t *order;       // the middle of each range is its root, the smaller side comes first
+    uint32_t *order;       // the middle of each long range is its root, the smaller side is first
     uint8_t *axes;         // splitting axis of the root at this place
     const uint32_t *ranks; // #P, the caller's, or NULL
 } pci_knn;

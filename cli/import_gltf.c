@@ -64,8 +64,19 @@ static bool add_item(gltf_file *g, gltf_list *list, cJSON *item) {
     return (item != NULL && cJSON_AddItemToArray(list->array, item)) || gltf_fail_memory(g);
 }
 
+static bool has(const cJSON *object, const char *key) {
+    return cJSON_GetObjectItemCaseSensitive(object, key) != NULL;
+}
+
+// Removes a member, also where it is written several times.
+static void drop(cJSON *object, const char *key) {
+    while (has(object, key)) {
+        cJSON_DeleteItemFromObjectCaseSensitive(object, key);
+    }
+}
+
 bool gltf_set(gltf_file *g, cJSON *object, const char *key, double number) {
-    cJSON_DeleteItemFromObjectCaseSensitive(object, key);
+    drop(object, key);
     return cJSON_AddNumberToObject(object, key, number) != NULL || gltf_fail_memory(g);
 }
 
@@ -203,7 +214,7 @@ static bool write_floats(gltf_file *g, const cJSON *accessor, size_t count, size
                  size = parts * component_size(type);
     const size_t index_type = gltf_whole(where, "componentType", 0);
     const size_t changed = gltf_whole(sparse, "count", 0), out = (g->size + 3) / 4 * 4;
-    const bool dense = cJSON_HasObjectItem(accessor, "bufferView");
+    const bool dense = has(accessor, "bufferView");
     elements base = {0}, indices = {0}, values = {0};
     if ((dense && !find_elements(g, accessor, size, count, &base)) ||
         (changed != 0 && (!find_elements(g, where, component_size(index_type), changed, &indices) ||
@@ -233,7 +244,7 @@ static bool refer(gltf_file *g, cJSON *accessor, size_t size) {
     cJSON *view = cJSON_CreateObject();
     static const char *const stale[] = {"normalized", "min", "max", "byteOffset", "sparse"};
     for (size_t i = 0; i < sizeof(stale) / sizeof(stale[0]); ++i) {
-        cJSON_DeleteItemFromObjectCaseSensitive(accessor, stale[i]);
+        drop(accessor, stale[i]);
     }
     const int index = cJSON_GetArraySize(g->views.array);
     return add_item(g, &g->views, view) && gltf_set(g, view, "buffer", 0.0) &&
@@ -249,7 +260,7 @@ static bool plain_accessor(gltf_file *g, cJSON *accessor) {
     const size_t type = gltf_whole(accessor, "componentType", 0);
     const size_t parts = component_count(accessor), count = gltf_whole(accessor, "count", 0);
     const cJSON *view = gltf_item(&g->views, accessor, "bufferView");
-    const bool sparse = cJSON_HasObjectItem(accessor, "sparse");
+    const bool sparse = has(accessor, "sparse");
     const bool plain =
         view == NULL || (type == COMPONENT_FLOAT && count * gltf_whole(view, "byteStride", 0) <=
                                                         gltf_whole(view, "byteLength", 0));
@@ -382,7 +393,7 @@ static bool separate_meshes(gltf_file *g) {
         const size_t m = gltf_whole(node, "mesh", SIZE_MAX);
         if (m < g->meshes.count) {
             ++users[m];
-            special[m] |= cJSON_HasObjectItem(node, "weights") || cJSON_HasObjectItem(node, "skin");
+            special[m] |= has(node, "weights") || has(node, "skin");
         }
     }
     for (size_t n = 0; n < g->nodes.count && fits; ++n) {
@@ -399,7 +410,7 @@ static bool separate_meshes(gltf_file *g) {
             fits = add_item(g, &g->meshes, mesh) && gltf_set(g, node, "mesh", index);
         }
         if (fits && weights != NULL) {
-            cJSON_DeleteItemFromObjectCaseSensitive(mesh, "weights");
+            drop(mesh, "weights");
             fits = cJSON_AddItemToObject(mesh, "weights", cJSON_Duplicate(weights, true)) ||
                    gltf_fail_memory(g);
         }
@@ -459,7 +470,7 @@ static bool name_joints(gltf_file *g) {
             snprintf(name, sizeof(name), "%.200s_%zu", empty ? "joint" : named[i].name,
                      named[i].index);
             cJSON *text = cJSON_CreateString(name), *node = g->nodes.items[named[i].index];
-            cJSON_DeleteItemFromObjectCaseSensitive(node, "name");
+            drop(node, "name");
             fits = cJSON_AddItemToObject(node, "name", text) || gltf_fail_memory(g);
         }
         i = end;
@@ -519,7 +530,7 @@ static char *put_chunk(char *at, const char *type, const void *bytes, size_t siz
 
 // The file as GLB, of one buffer.
 static char *pack(gltf_file *g, size_t *size) {
-    cJSON_DeleteItemFromObjectCaseSensitive(g->root, "buffers");
+    drop(g->root, "buffers");
     cJSON *buffers = cJSON_AddArrayToObject(g->root, "buffers"), *buffer = cJSON_CreateObject();
     gltf_list list = {.array = buffers};
     if (buffers == NULL || !add_item(g, &list, buffer) ||

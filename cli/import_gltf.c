@@ -80,6 +80,12 @@ bool gltf_set(gltf_file *g, cJSON *object, const char *key, double number) {
     return cJSON_AddNumberToObject(object, key, number) != NULL || gltf_fail_memory(g);
 }
 
+// Whether a member that names an item, if it is there, names one of the file.
+static bool refers(gltf_file *g, const gltf_list *list, const cJSON *object, const char *key) {
+    return !has(object, key) || gltf_item(list, object, key) != NULL ||
+           gltf_fail(g, "\"%.32s\" refers to what does not exist; export it again", key);
+}
+
 // ---- extensions and version ---------------------------------------------------------------------
 
 // Extensions that a file may require although assimp ignores them: they change the look only, or
@@ -207,7 +213,8 @@ static bool find_elements(gltf_file *g, const cJSON *object, size_t size, size_t
 
 // Writes the numbers of an accessor as floats behind the buffers: those of its view, else zeros,
 // then those that a sparse accessor replaces.
-static bool write_floats(gltf_file *g, const cJSON *accessor, size_t count, size_t parts) {
+static bool write_floats(gltf_file *g, const cJSON *accessor, bool normalized, size_t count,
+                         size_t parts) {
     const cJSON *sparse = cJSON_GetObjectItemCaseSensitive(accessor, "sparse");
     const cJSON *where = cJSON_GetObjectItemCaseSensitive(sparse, "indices");
     const size_t type = gltf_whole(accessor, "componentType", 0),
@@ -223,7 +230,6 @@ static bool write_floats(gltf_file *g, const cJSON *accessor, size_t count, size
         !gltf_append(g, count * parts * sizeof(float))) {
         return false;
     }
-    const bool normalized = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(accessor, "normalized"));
     for (size_t i = 0; i < count && dense; ++i) {
         convert(g, base.begin + i * base.stride, type, normalized, parts, out + 4 * parts * i);
     }
@@ -256,7 +262,8 @@ static bool refer(gltf_file *g, cJSON *accessor, size_t size) {
 
 // Integers and sparse numbers become floats, and so do those whose last element is shorter than
 // their stride; those without a view are compressed and stay.
-static bool plain_accessor(gltf_file *g, cJSON *accessor) {
+// `normalized`: integers stand for numbers up to 1 also where the file forgets to say so.
+static bool plain_accessor(gltf_file *g, cJSON *accessor, bool normalized) {
     const size_t type = gltf_whole(accessor, "componentType", 0);
     const size_t parts = component_count(accessor), count = gltf_whole(accessor, "count", 0);
     const cJSON *view = gltf_item(&g->views, accessor, "bufferView");
@@ -273,8 +280,17 @@ static bool plain_accessor(gltf_file *g, cJSON *accessor) {
     if (count == 0 || count > g->given) {
         return gltf_fail(g, "numbers reach beyond their buffer; export it again");
     }
-    return write_floats(g, accessor, count, parts) &&
+    const cJSON *flag = cJSON_GetObjectItemCaseSensitive(accessor, "normalized");
+    return write_floats(g, accessor, normalized || cJSON_IsTrue(flag), count, parts) &&
            refer(g, accessor, count * parts * sizeof(float));
+}
+
+static bool check_views(gltf_file *g) {
+    bool known = true;
+    for (size_t i = 0; i < g->accessors.count && known; ++i) {
+        known = refers(g, &g->views, g->accessors.items[i], "bufferView");
+    }
+    return known;
 }
 
 // ---- attributes and animations ------------------------------------------------------------------
@@ -284,7 +300,7 @@ static bool plain_attributes(gltf_file *g, const cJSON *attributes) {
         const char *name, *type; // the name's beginning
     } known[] = {{"POSITION", "VEC3"},  {"NORMAL", "VEC3"},   {"TANGENT", NULL},  {"COLOR_", NULL},
                  {"TEXCOORD_", "VEC2"}, {"WEIGHTS_", "VEC4"}, {"JOINTS_", "VEC4"}};
-    enum { joints = sizeof(known) / sizeof(known[0]) - 1 };
+    enum { joints = sizeof(known) / sizeof(known[0]) - 1, weights = joints - 1 };
     const cJSON *attribute = NULL;
     cJSON_ArrayForEach(attribute, attributes) {
         const char *name = attribute->string != NULL ? attribute->string : "";
@@ -294,14 +310,17 @@ static bool plain_attributes(gltf_file *g, const cJSON *attributes) {
         while (kind <= joints && strncmp(name, known[kind].name, strlen(known[kind].name)) != 0) {
             ++kind;
         }
-        if (accessor == NULL || kind > joints) {
+        if (kind > joints) {
             continue;
+        }
+        if (accessor == NULL) {
+            return refers(g, &g->accessors, attributes, name);
         }
         if (known[kind].type != NULL && type != NULL && strcmp(type, known[kind].type) != 0) {
             return gltf_fail(g, "%.32s is of type %.16s instead of %s; export it again", name, type,
                              known[kind].type);
         }
-        if (kind != joints && !plain_accessor(g, accessor)) {
+        if (kind != joints && !plain_accessor(g, accessor, kind == weights)) {
             return false;
         }
         const size_t component = gltf_whole(accessor, "componentType", 0);
@@ -320,7 +339,8 @@ static bool plain_meshes(gltf_file *g) {
     for (size_t m = 0; m < g->meshes.count; ++m) {
         cJSON_ArrayForEach(primitive,
                            cJSON_GetObjectItemCaseSensitive(g->meshes.items[m], "primitives")) {
-            if (!plain_attributes(g, cJSON_GetObjectItemCaseSensitive(primitive, "attributes"))) {
+            if (!refers(g, &g->accessors, primitive, "indices") ||
+                !plain_attributes(g, cJSON_GetObjectItemCaseSensitive(primitive, "attributes"))) {
                 return false;
             }
             cJSON_ArrayForEach(target, cJSON_GetObjectItemCaseSensitive(primitive, "targets")) {
@@ -337,7 +357,9 @@ static bool plain_animations(gltf_file *g) {
     const cJSON *animation = NULL, *sampler = NULL;
     cJSON_ArrayForEach(animation, cJSON_GetObjectItemCaseSensitive(g->root, "animations")) {
         cJSON_ArrayForEach(sampler, cJSON_GetObjectItemCaseSensitive(animation, "samplers")) {
-            if (!plain_accessor(g, gltf_item(&g->accessors, sampler, "output"))) {
+            if (!refers(g, &g->accessors, sampler, "input") ||
+                !refers(g, &g->accessors, sampler, "output") ||
+                !plain_accessor(g, gltf_item(&g->accessors, sampler, "output"), true)) {
                 return false;
             }
         }
@@ -353,7 +375,10 @@ static bool complete_skins(gltf_file *g) {
     cJSON_ArrayForEach(skin, cJSON_GetObjectItemCaseSensitive(g->root, "skins")) {
         const size_t count =
             (size_t)cJSON_GetArraySize(cJSON_GetObjectItemCaseSensitive(skin, "joints"));
-        if (count == 0 || gltf_item(&g->accessors, skin, "inverseBindMatrices") != NULL) {
+        if (!refers(g, &g->accessors, skin, "inverseBindMatrices")) {
+            return false;
+        }
+        if (count == 0 || has(skin, "inverseBindMatrices")) {
             continue;
         }
         const size_t size = 16 * count * sizeof(float);
@@ -388,9 +413,10 @@ static bool separate_meshes(gltf_file *g) {
         free(special);
         return gltf_fail_memory(g);
     }
-    for (size_t n = 0; n < g->nodes.count; ++n) {
+    for (size_t n = 0; n < g->nodes.count && fits; ++n) {
         const cJSON *node = g->nodes.items[n];
         const size_t m = gltf_whole(node, "mesh", SIZE_MAX);
+        fits = refers(g, &g->meshes, node, "mesh");
         if (m < g->meshes.count) {
             ++users[m];
             special[m] |= has(node, "weights") || has(node, "skin");
@@ -562,8 +588,10 @@ char *scene_plain_gltf(const char *path, const char *bytes, size_t *size, scene_
                        char *message, size_t message_size) {
     gltf_file g = {.path = path, .message = message, .message_size = message_size};
     message[0] = '\0';
-    char *plain = open_file(&g, bytes, *size, format) && plain_meshes(&g) && plain_animations(&g) &&
-                          complete_skins(&g) && separate_meshes(&g) && name_joints(&g)
+    // The second walk finds joints whose numbers something else turned into floats.
+    char *plain = open_file(&g, bytes, *size, format) && check_views(&g) && plain_meshes(&g) &&
+                          plain_animations(&g) && plain_meshes(&g) && complete_skins(&g) &&
+                          separate_meshes(&g) && name_joints(&g)
                       ? pack(&g, size)
                       : NULL;
     cJSON_Delete(g.root);

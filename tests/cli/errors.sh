@@ -163,7 +163,13 @@ wrong_gltf() { # wrong_gltf PATTERN FIXTURE EDIT
 }
 wrong_gltf 'TEXCOORD_0 is of type VEC3 instead of VEC2' quantized 's/"VEC2"/"VEC3"/'
 wrong_gltf 'JOINTS_0 is stored as numbers that are not read' skin 's/5121/5126/'
+wrong_gltf 'JOINTS_0 is stored as numbers' skin 's/^ "meshes": \[/ "animations":[{"samplers":[{"output":2}]}],&/'
 wrong_gltf 'numbers reach beyond their buffer' quantized 's/"count": 4/"count": 5/'
+for member in bufferView indices mesh; do
+    wrong_gltf "\"$member\" refers to what does not exist" quantized "s/\"$member\": [0-9]/\"$member\": 8/"
+done
+wrong_gltf '"POSITION" refers to what does not exist' quantized 's/"POSITION": 0/"POSITION": 8/'
+wrong_gltf '"inverseBindMatrices" refers to what' skin 's/"inverseBindMatrices": 4/"inverseBindMatrices": 6/'
 wrong_gltf 'a view reaches beyond its buffer' quantized 's/"buffer": 0/"buffer": 1/'
 wrong_gltf 'its buffer 0 has [0-9]* bytes instead of [0-9]*;' quantized 's/==*"/"/; s/.."}\]/"}]/'
 wrong_gltf 'its buffer "lost.bin" cannot be read: No such file' quantized 's/"data:[^"]*"/"lost.bin"/'

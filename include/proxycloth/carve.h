@@ -50,11 +50,11 @@
 /// sheet must then be plain, or folded where parts were sewn.
 ///
 /// DEVIATION: the voxels fill the gaps between the layers of a skirt, and the labels keep one side
-/// of the solid or tear it. Where the garment strays more than two voxels from the layer, or that
-/// has several components, the part of the cloth is taken instead, if one is a clean or folded
-/// sheet by itself, that the garment strays from least: as a rule a layer in the middle. That must
-/// be less than it strays from the layer; or, where their components, loops or handles differ and
-/// another part has half of its area, at most twice as much (or four voxels).
+/// of the solid or tear it. The part of the cloth that is a clean or folded sheet by itself and
+/// that the garment strays from least, as a rule a layer in the middle, is taken instead, if the
+/// garment strays less from it than from the layer and more than two voxels from that; or if their
+/// components, loops or handles differ, another part has half of its area, and the garment strays
+/// at most twice as much from it (or four voxels, and never ten).
 ///
 /// The border of the layer follows the voxels; with `snap_border` it is moved onto the garment's
 /// hems within 1.5 voxels (edges of one triangle with no other cloth in front), and the surface

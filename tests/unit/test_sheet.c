@@ -23,8 +23,8 @@ static pc_mesh skirt(pc_context *context, int layers, double gap) {
     return mesh;
 }
 
-static pc_status find_sheet(pc_context *context, const pc_mesh *mesh, double *distance,
-                            bool *several, pc_mesh *layer) {
+static pc_status find_sheet(pc_context *context, const pc_mesh *mesh, double alone, double among,
+                            double *distance, pc_mesh *layer) {
     pci_scratch scratch = pci_scratch_begin(context);
     pci_cloth cloth = {.scratch = &scratch,
                        .stage = "test",
@@ -33,7 +33,7 @@ static pc_status find_sheet(pc_context *context, const pc_mesh *mesh, double *di
                        .mesh = *mesh};
     uint64_t filled = 0;
     const pc_status status = pci_topology_build_edges(&scratch, mesh, &cloth.edges)
-                                 ? pci_nearest_sheet(&cloth, distance, several, layer, &filled)
+                                 ? pci_nearest_sheet(&cloth, alone, among, distance, layer, &filled)
                                  : pci_fail_memory(context, "test");
     pci_scratch_end(&scratch);
     return status;
@@ -54,34 +54,37 @@ static void finds_the_layer_in_the_middle(void **state) {
     for (int layers = 3; layers <= 5; layers += 2) {
         pc_mesh mesh = skirt(context, layers, 0.25), layer = {0};
         const double inside = layers / 2, wanted = inside * 0.27 * 2.0 / hypot(2.0, 0.25 * inside);
-        double distance = INFINITY;
-        bool several = false;
-        assert_ok(context, find_sheet(context, &mesh, &distance, &several, &layer));
-        assert_true(several);
+        double distance = 0.0, other = 0.0;
+        assert_ok(context, find_sheet(context, &mesh, 0.0, INFINITY, &distance, &layer));
         assert_close(width(&layer), 1.0 + 0.27 * inside, 1e-9);
         assert_true(distance > wanted && distance <= 0.27 * inside + 0.01);
         pc_mesh_free(context, &layer);
         // Nothing that is nearer.
-        assert_ok(context, find_sheet(context, &mesh, &distance, &several, &layer));
+        assert_ok(context, find_sheet(context, &mesh, distance, distance, &other, &layer));
         assert_int_equal(layer.triangle_count, 0);
         pc_mesh_free(context, &mesh);
     }
     pc_context_destroy(context);
 }
 
-// A ball has no border, and the second ply of a hem is cut off.
+// A ball has no border, and the second ply of a hem is cut off. A sheet is alone, and one with
+// something small beside it.
 static void needs_a_sheet(void **state) {
     (void)state;
     pc_context *context = test_context(2);
     pc_mesh ball = test_sphere(context, 8), tube = test_hemmed_tube(context, 0.05), layer = {0};
-    double distance = INFINITY;
-    bool several = false;
-    assert_ok(context, find_sheet(context, &ball, &distance, &several, &layer));
+    double distance = 0.0;
+    assert_ok(context, find_sheet(context, &ball, INFINITY, INFINITY, &distance, &layer));
     assert_int_equal(layer.triangle_count, 0);
-    assert_ok(context, find_sheet(context, &tube, &distance, &several, &layer));
-    assert_false(several);
+    assert_ok(context, find_sheet(context, &tube, INFINITY, 0.0, &distance, &layer));
     assert_true(layer.triangle_count > 0 && layer.triangle_count < tube.triangle_count);
     pc_mesh_free(context, &layer);
+    for (int i = 0; i < 2; ++i) {
+        assert_ok(context, find_sheet(context, &tube, 0.0, 0.5, &distance, &layer));
+        assert_int_equal(layer.triangle_count, 0);
+        pc_mesh patch = test_tube(context, 8, 2, 0.2, 0.4);
+        sew_add(context, &tube, patch);
+    }
     pc_mesh_free(context, &tube);
     pc_mesh_free(context, &ball);
     pc_context_destroy(context);
@@ -131,10 +134,9 @@ static void survives_lack_of_memory(void **state) {
     const size_t live = counter.live;
     size_t failures = 0;
     for (;; ++failures) {
-        double distance = INFINITY;
-        bool several = false;
+        double distance = 0.0;
         fail_allocation(&counter, failures + 1);
-        const pc_status status = find_sheet(context, &mesh, &distance, &several, &layer);
+        const pc_status status = find_sheet(context, &mesh, 0.0, INFINITY, &distance, &layer);
         if (status == PC_OK) {
             break;
         }

@@ -80,8 +80,8 @@ static const double least_seen = 0.9;
 static const double rim_radius = 0.5;
 static const double rim_spacing = 0.25; // in voxels
 // What a layer strays less from, in voxels, it does not leave out. One of several sheets may leave
-// out so many times as much, if its shape is another one.
-static const double left_out_voxels = 2.0, most_left_out = 2.0;
+// out so many times as much, if its shape is another one, but strays so many voxels at most.
+static const double left_out_voxels = 2.0, most_left_out = 2.0, most_stray_voxels = 10.0;
 // Labels that change sides along a sheet, as where another layer hides half of it, keep both sides
 // of the rest, within so many voxels of each other; less than this share of the area is noise at
 // hems.
@@ -505,27 +505,29 @@ static pc_status try_bare(const carve_job *job, const pci_bvh *visual, const pci
 // that leaves out little more.
 static pc_status try_sheet(const carve_job *job, pc_mesh *layer, pc_carve_report *report) {
     pci_scratch *scratch = job->cloth->scratch;
+    const double cell_size = job->cloth->cell_size;
     pc_mesh sheet = {0};
     pci_shape shape = {0}, other = {0};
     uint64_t filled = 0;
-    double now = 0.0;
-    bool several = false;
-    pc_status status = find_shape(scratch, layer, &shape);
-    if (status != PC_OK || (report->coverage == 1.0 && shape.components == 1) ||
-        job->options->layer_source != PC_LAYER_AUTO) {
+    double alone = 0.0, distance = 0.0;
+    pc_status status = PC_OK;
+    if (job->options->layer_source != PC_LAYER_AUTO) {
         return status;
     }
-    status = pci_farthest(job->cloth, layer, &now);
-    now = fmax(now, left_out_voxels * job->cloth->cell_size);
-    double distance = most_left_out * now;
+    if (report->coverage < 1.0) {
+        status = pci_farthest(job->cloth, layer, &alone);
+    }
+    const double among = fmin(most_left_out * fmax(alone, left_out_voxels * cell_size),
+                              most_stray_voxels * cell_size);
     if (status == PC_OK) {
-        status = pci_nearest_sheet(job->cloth, &distance, &several, &sheet, &filled);
+        status = pci_nearest_sheet(job->cloth, alone, among, &distance, &sheet, &filled);
     }
     if (status == PC_OK && sheet.triangle_count > 0) {
-        status = find_shape(scratch, &sheet, &other);
+        status = find_shape(scratch, layer, &shape);
+        status = status == PC_OK ? find_shape(scratch, &sheet, &other) : status;
     }
     if (status == PC_OK && sheet.triangle_count > 0 &&
-        (distance < now || (several && !pci_same_topology(&other, &shape)))) {
+        (distance < alone || !pci_same_topology(&other, &shape))) {
         status = take_visual(job, filled, &sheet, layer, report);
     }
     pc_mesh_free(scratch->context, &sheet);

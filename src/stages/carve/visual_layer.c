@@ -546,8 +546,36 @@ pc_status pci_farthest(const pci_cloth *cloth, const pc_mesh *layer, double *dis
     return status;
 }
 
-pc_status pci_nearest_sheet(const pci_cloth *cloth, double *distance, bool *several, pc_mesh *layer,
-                            uint64_t *filled_loops) {
+// Marks the open parts beside which there is another one with half of their area. NULL: out of
+// memory.
+static uint8_t *find_accompanied(pci_scratch *scratch, const pc_mesh *mesh,
+                                 const uint32_t *component, size_t count, const uint8_t *open) {
+    double *areas = PCI_SCRATCH(scratch, double, count);
+    uint8_t *accompanied = PCI_SCRATCH(scratch, uint8_t, count);
+    size_t first = count, second = count;
+    if (scratch->failed) {
+        return NULL;
+    }
+    for (size_t t = 0; t < mesh->triangle_count; ++t) {
+        areas[component[t]] += pci_triangle_area(mesh, t);
+    }
+    for (size_t i = 0; i < count; ++i) {
+        if (open[i] && (first == count || areas[i] > areas[first])) {
+            second = first;
+            first = i;
+        } else if (open[i] && (second == count || areas[i] > areas[second])) {
+            second = i;
+        }
+    }
+    for (size_t i = 0; i < count && second < count; ++i) {
+        const size_t other = i == first ? second : first;
+        accompanied[i] = open[i] && areas[other] >= least_other * areas[i];
+    }
+    return accompanied;
+}
+
+pc_status pci_nearest_sheet(const pci_cloth *cloth, double alone, double among, double *distance,
+                            pc_mesh *layer, uint64_t *filled_loops) {
     pci_scratch *scratch = cloth->scratch;
     const pc_mesh *mesh = &cloth->mesh;
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
@@ -560,17 +588,19 @@ pc_status pci_nearest_sheet(const pci_cloth *cloth, double *distance, bool *seve
     const uint8_t *open = find_open(scratch, &cloth->edges, component, count);
     const double *boxes = find_boxes(scratch, mesh, component, count);
     const double *box = find_boxes(scratch, cloth->surface, whole, 1);
-    double *areas = PCI_SCRATCH(scratch, double, count);
     if (scratch->failed) {
         return pci_fail_memory(scratch->context, cloth->stage);
     }
-    for (size_t t = 0; t < mesh->triangle_count; ++t) {
-        areas[component[t]] += pci_triangle_area(mesh, t);
+    const uint8_t *accompanied = find_accompanied(scratch, mesh, component, count, open);
+    if (accompanied == NULL) {
+        return pci_fail_memory(scratch->context, cloth->stage);
     }
     const struct pci_scratch_block *mark = scratch->blocks;
     pc_status status = PC_OK;
+    *distance = INFINITY;
     for (size_t i = 0; i < count && status == PC_OK; ++i) {
-        if (!open[i] || !spans(&boxes[6 * i], box, *distance)) {
+        const double limit = fmin(*distance, accompanied[i] ? fmax(alone, among) : alone);
+        if (!open[i] || !spans(&boxes[6 * i], box, limit)) {
             continue;
         }
         pc_mesh sheet = {0};
@@ -584,16 +614,12 @@ pc_status pci_nearest_sheet(const pci_cloth *cloth, double *distance, bool *seve
             status = pci_farthest(cloth, &sheet, &far);
         }
         pci_scratch_rewind(scratch, mark);
-        if (status == PC_OK && far < *distance) {
+        if (status == PC_OK && far < limit) {
             const pc_mesh swapped = *layer;
             *layer = sheet;
             sheet = swapped;
             *distance = far;
             *filled_loops = filled;
-            *several = false;
-            for (size_t k = 0; k < count; ++k) {
-                *several = *several || (k != i && open[k] && areas[k] >= least_other * areas[i]);
-            }
         }
         pc_mesh_free(scratch->context, &sheet);
     }

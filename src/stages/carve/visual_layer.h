@@ -61,11 +61,11 @@ PC_NODISCARD pc_status pci_bare_layer(const pci_cloth *cloth, pc_mesh *layer,
 PC_NODISCARD pc_status pci_farthest(const pci_cloth *cloth, const pc_mesh *layer, double *distance);
 
 // Of the parts of the cloth that are one sheet each, as the layers of a skirt, the one that the
-// visual mesh strays from least. `layer` stays empty where it strays from all at least as far as
-// `distance`, which receives how far it strays from the one found. `several` tells whether another
-// part with a border has half of its area. PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY;
-// PC_ERROR_CANCELLED.
-PC_NODISCARD pc_status pci_nearest_sheet(const pci_cloth *cloth, double *distance, bool *several,
-                                         pc_mesh *layer, uint64_t *filled_loops);
+// visual mesh strays from least, which `distance` receives. `layer` stays empty where it strays
+// from all at least as far as `alone`, or `among`, if that is more, from parts that are not alone:
+// another one with a border has half of their area. PC_OK; PC_ERROR_OUT_OF_MEMORY;
+// PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
+PC_NODISCARD pc_status pci_nearest_sheet(const pci_cloth *cloth, double alone, double among,
+                                         double *distance, pc_mesh *layer, uint64_t *filled_loops);
 
 #endif

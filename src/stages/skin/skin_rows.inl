@@ -4,6 +4,7 @@
 // Every number is found by the same operations in the same order whatever LANES is.
 
 typedef float NAME(lanes) __attribute__((vector_size(LANES * sizeof(float)), may_alias));
+typedef float NAME(eight) __attribute__((vector_size(8 * sizeof(float)), may_alias));
 #define LOAD(p) (*(const NAME(lanes) *)(const void *)(p))
 
 // One piece of sum_e values[e] moved[entries[e]].
@@ -33,13 +34,12 @@ static inline __attribute__((always_inline)) float NAME(multiply)(const float *a
     for (size_t k = 0; k < PCI_SKIN_STRIDE / LANES; ++k) {
         *(NAME(lanes) *)(void *)&sums[LANES * k] = total[k];
     }
-    for (size_t half = PCI_SKIN_STRIDE / 2; half > 0; half /= 2) {
-        for (size_t k = 0; k < half; ++k) {
-            sums[k] += sums[k + half];
-        }
-    }
-    return sums[0];
+    // Half is added to half until one is left. Loops over so few would go through memory.
+    const NAME(eight) x =
+        *(const NAME(eight) *)(const void *)sums + *(const NAME(eight) *)(const void *)&sums[8];
+    return ((x[0] + x[4]) + (x[2] + x[6])) + ((x[1] + x[5]) + (x[3] + x[7]));
 }
+_Static_assert(PCI_SKIN_STRIDE == 16, "added as two halves of eight");
 
 static void ROWS(const pci_skin_rows *rows, size_t count, const uint32_t *numbers, float *sum,
                  float *products) {

@@ -53,7 +53,7 @@ static const node_entry *find_node(scene_reader *reader, const node_entry *by_na
     if (low + 1 < count && strcmp(by_name[low + 1].node->mName.data, name) == 0) {
         import_fail(reader,
                     "several nodes are called \"%.64s\", which makes the skin ambiguous; rename "
-                    "them",
+                    "them, or export as glTF",
                     name);
     }
     return &by_name[low];

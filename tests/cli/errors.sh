@@ -155,6 +155,8 @@ expect 3 "cloth.obj: this is no asset file" label cloth.obj
 expect 3 "cloth.obj: this is no asset file" export cloth.obj -o out
 expect 3 "missing.h5: No such file" info missing.h5
 expect 3 "missing.obj: No such file" evaluate cloth.obj missing.obj
+expect 3 "several nodes are called \"joint\".*; rename them, or export as glTF" \
+    build "$fixtures/duplicate.dae" -o out
 expect 3 "EXT_meshopt_compression is not supported" build "$fixtures/extension.gltf" -o out
 expect 3 "refers to a vertex that does not exist" build "$fixtures/face_out_of_range.gltf" -o out
 wrong_gltf() { # wrong_gltf PATTERN FIXTURE EDIT

@@ -72,7 +72,7 @@ static const size_t most_parts = 6;
 // Small parts farther than this from the others are loose parts of the garment, not crumbs.
 static const double loose_voxels = 2.0;
 // Pieces inside closed bodies are left out within so many voxels of what is seen of them.
-static const double hollow_voxels = 3.0;
+static const double hollow_voxels = 4.5;
 // What goes around a belt with its pouches is near to as much of it as that, of what the labels are
 // near to: it leaves out what is behind pouches.
 static const double least_seen = 0.9;

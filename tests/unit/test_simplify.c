@@ -222,6 +222,25 @@ static void ribbons_are_strips_of_good_triangles(void **state) {
 }
 
 // A sleeve whose circumference is about two clusters stays a tube with at least three edges around.
+// Belts of one to three rows of triangles: clusters at the border must be half as deep as others.
+static void belts_are_rows_of_good_triangles(void **state) {
+    (void)state;
+    pc_context *context = test_context(1);
+    static const double heights[] = {0.12, 0.16, 0.2, 0.24, 0.28, 0.32, 0.36, 0.4};
+    const size_t count = sizeof(heights) / sizeof(heights[0]);
+    double sum = 0.0;
+    for (size_t i = 0; i < count; ++i) {
+        pc_mesh belt = test_tube(context, 128, 4, 1.0, heights[i]);
+        pc_mesh proxy = simplified(context, &belt, 128, NULL);
+        const shape found = check_manifold(context, &proxy);
+        assert_int_equal(found.loops, 2);
+        sum += found.angle_mean;
+        pc_mesh_free(context, &proxy);
+    }
+    assert_true(sum > 45.5 * (double)count);
+    pc_context_destroy(context);
+}
+
 static void thin_tubes_stay_tubes(void **state) {
     (void)state;
     pc_context *context = test_context(1);
@@ -703,6 +722,7 @@ int main(void) {
         cmocka_unit_test(shares_the_budget_between_parts),
         cmocka_unit_test(keeps_a_narrow_strap),
         cmocka_unit_test(ribbons_are_strips_of_good_triangles),
+        cmocka_unit_test(belts_are_rows_of_good_triangles),
         cmocka_unit_test(thin_tubes_stay_tubes),
         cmocka_unit_test(a_rope_without_width_is_no_trouble),
         cmocka_unit_test(hems_do_not_shrink),

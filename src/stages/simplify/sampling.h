@@ -13,7 +13,7 @@ typedef struct pci_sampling {
     double *arcs;      // #V, shares of the border
     double *densities; // #V, how many times shorter edges should be by the density map; NULL: none
     double *scales;    // #V, how many times shorter edges should be in all; starts with 1
-    double *weights;   // #V, areas times density
+    double *weights;   // #V, areas times density; on narrow layers those at the border count more
     double total;      // area
     double spacing;    // edge length of uniform clusters
     uint32_t *corners; // vertices at corners of the border, sharpest first

@@ -40,6 +40,15 @@
 ///   sides of a leg have fallen together, other clusters are tried, up to eight times (`attempts`),
 ///   and the best proxy is kept. What is left is in `self_intersections`.
 ///
+/// Symmetry (`mirror`): a single layer that a reflection across the x, y or z axis leaves within
+/// .25 expected edge lengths of itself, its border too, is cut along that plane. The proxy is that
+/// of one half, with vertices on the plane that both share, and its exact mirror image. Of several
+/// planes the one that cuts the least is taken, of two proxies the one with the larger angles.
+/// Where three attempts give none without flaw, with pleats that are flattened, and with a density
+/// map, the garment is taken whole. Off by default: where the plane meets a hem, angles are at most
+/// 45 degrees, thin tubes that it cuts lengthwise have no rings, and parts that it cuts share the
+/// vertices less evenly.
+///
 /// Density map: an artist may paint where the proxy needs more vertices into a channel of the
 /// visual mesh's vertex colors. Value c at the nearest point of the visual mesh makes wanted edges
 /// density_range^c times shorter than where it is 0; only differences count, because the number of
@@ -95,6 +104,7 @@ typedef struct pc_simplify_options {
     double density_range;           ///< longest over shortest edges by the density map
     uint32_t clustering_iterations; ///< passes of boundary exchanges
     uint32_t seed;                  ///< picks the vertex of the first cluster
+    bool mirror;                    ///< symmetric garments get symmetric proxies
 } pc_simplify_options;
 
 typedef struct pc_simplify_report {
@@ -111,6 +121,7 @@ typedef struct pc_simplify_report {
     uint64_t attempts;           ///< proxies that were made, the last or the best of them kept
     uint64_t iterations;
     uint32_t shortfall; ///< pc_simplify_shortfall
+    bool mirrored;      ///< one half of the proxy is the exact mirror image of the other
 } pc_simplify_report;
 
 extern const pc_record pc_simplify_options_record;

@@ -22,6 +22,9 @@ typedef struct clustering {
     uint32_t *pieces, *queue, *heaviest; // #V, #V, per cluster: work space of attach_orphans
     double *piece_masses;                // #V
     double origin[3];                    // positions count from here, against cancellation
+    const pci_mirror *mirror;            // its plane holds the origin; NULL: there is none
+    uint8_t *seam;                       // #V, whether it is on the seam
+    uint32_t *seams;                     // per cluster, how many of its vertices are
     bool careful;                        // exchanges tear no cluster
 } clustering;
 
@@ -164,10 +167,12 @@ static void sum_clusters(clustering *c) {
     memset(c->masses, 0, c->all * sizeof(*c->masses));
     memset(c->moments, 0, 3 * c->all * sizeof(*c->moments));
     memset(c->sizes, 0, c->all * sizeof(*c->sizes));
+    memset(c->seams, 0, c->all * sizeof(*c->seams));
     for (size_t v = 0; v < c->mesh->vertex_count; ++v) {
         const size_t i = c->cluster[v];
         c->masses[i] += c->weights[v];
         ++c->sizes[i];
+        c->seams[i] += c->seam[v];
         for (size_t k = 0; k < 3; ++k) {
             c->moments[3 * i + k] += c->weights[v] * (c->mesh->positions[3 * v + k] - c->origin[k]);
         }
@@ -190,6 +195,19 @@ static bool may_tear(const clustering *c, size_t v) {
     return runs > 1;
 }
 
+// What a cluster on the seam has more energy than another one, with vertex v added (sign 1) or
+// removed (-1): it goes on in the mirror image, so that the centroid of both is on the plane.
+static double seam_energy(const clustering *c, size_t cluster, size_t v, int sign) {
+    if ((int)c->seams[cluster] + sign * c->seam[v] == 0) {
+        return 0.0;
+    }
+    const size_t axis = c->mirror->axis;
+    const double w = sign * c->weights[v];
+    const double moment =
+        c->moments[3 * cluster + axis] + w * (c->mesh->positions[3 * v + axis] - c->origin[axis]);
+    return moment * moment / (c->masses[cluster] + w);
+}
+
 // Change of the energy when vertex v leaves cluster `from` for cluster `to`.
 static double exchange_cost(const clustering *c, size_t v, size_t from, size_t to) {
     const double w = c->weights[v], mass_from = c->masses[from], mass_to = c->masses[to];
@@ -204,7 +222,11 @@ static double exchange_cost(const clustering *c, size_t v, size_t from, size_t t
         left += a * a;
         joined += b * b;
     }
-    const double cost = w * (mass_to / (mass_to + w) * joined - mass_from / (mass_from - w) * left);
+    double cost = w * (mass_to / (mass_to + w) * joined - mass_from / (mass_from - w) * left);
+    if (c->seams[from] + c->seams[to] > 0) {
+        cost += seam_energy(c, from, v, -1) - seam_energy(c, from, v, 0) +
+                seam_energy(c, to, v, 1) - seam_energy(c, to, v, 0);
+    }
     return cost < 0.0 && c->careful && may_tear(c, v) ? HUGE_VAL : cost;
 }
 
@@ -217,6 +239,7 @@ static void exchange(clustering *c, size_t v, size_t from, size_t to, uint32_t p
     }
     c->masses[from] -= w, c->masses[to] += w;
     --c->sizes[from], ++c->sizes[to];
+    c->seams[from] -= c->seam[v], c->seams[to] += c->seam[v];
     c->cluster[v] = (uint32_t)to;
     c->modified[from] = pass, c->modified[to] = pass;
 }
@@ -320,6 +343,8 @@ static bool run(clustering *c, uint32_t first, uint32_t passes, uint64_t *iterat
     c->masses = PCI_SCRATCH(c->scratch, double, c->all);
     c->moments = PCI_SCRATCH(c->scratch, double, 3 * c->all);
     c->sizes = PCI_SCRATCH(c->scratch, uint32_t, c->all);
+    c->seam = PCI_SCRATCH(c->scratch, uint8_t, c->mesh->vertex_count);
+    c->seams = PCI_SCRATCH(c->scratch, uint32_t, c->all);
     c->modified = PCI_SCRATCH(c->scratch, uint32_t, c->all);
     c->pieces = PCI_SCRATCH(c->scratch, uint32_t, c->mesh->vertex_count);
     c->piece_masses = PCI_SCRATCH(c->scratch, double, c->mesh->vertex_count);
@@ -330,6 +355,10 @@ static bool run(clustering *c, uint32_t first, uint32_t passes, uint64_t *iterat
         return false;
     }
     memcpy(c->origin, c->mesh->positions, sizeof(c->origin));
+    for (uint32_t v = 0; c->mirror != NULL && v < c->mesh->vertex_count; ++v) {
+        c->origin[c->mirror->axis] = c->mirror->offset;
+        c->seam[v] = pci_is_seam_vertex(c->mirror, c->mesh, v);
+    }
     // Exchanges look at energies only at first, so they may tear a cluster; pieces are handed over
     // whenever the exchanges rest, and at the end. They would take some back again and again.
     size_t orphans = 1;
@@ -363,6 +392,7 @@ bool pci_cluster_vertices(pc_context *context, const pci_sampling *sampling, siz
                     .fans = &sampling->fans,
                     .weights = sampling->weights,
                     .scales = sampling->scales,
+                    .mirror = sampling->mirror,
                     .count = count - rings->count,
                     .all = count,
                     .anchors = wanted->anchors,

@@ -4,14 +4,16 @@
 #include "core/union_find.h"
 
 bool pci_contraction_begin(pci_scratch *scratch, const pci_halfedge *fine, const double *weights,
-                           const double *arcs, double spacing, pci_contraction *m) {
+                           const double *arcs, double spacing, const pci_mirror *mirror,
+                           pci_contraction *m) {
     const size_t nv = fine->vertex_count;
-    *m = (pci_contraction){.scratch = scratch, .fine = fine, .spacing = spacing};
+    *m = (pci_contraction){.scratch = scratch, .fine = fine, .spacing = spacing, .mirror = mirror};
     m->parent = PCI_SCRATCH(scratch, uint32_t, nv);
     m->mass = PCI_SCRATCH(scratch, double, nv);
     m->arc = PCI_SCRATCH(scratch, double, nv);
     m->center = PCI_SCRATCH(scratch, double, 3 * nv);
     m->curve = PCI_SCRATCH(scratch, double, 3 * nv);
+    m->seam = PCI_SCRATCH(scratch, uint8_t, nv);
     if (scratch->failed || !pci_halfedge_copy(scratch, fine, &m->coarse)) {
         return false;
     }
@@ -19,6 +21,8 @@ bool pci_contraction_begin(pci_scratch *scratch, const pci_halfedge *fine, const
         m->parent[v] = (uint32_t)v;
         m->mass[v] = weights[v];
         m->arc[v] = arcs[v];
+        m->seam[v] = pci_is_seam_vertex(mirror, fine, (uint32_t)v);
+        m->seam_vertices += m->seam[v];
         for (size_t k = 0; k < 3; ++k) {
             m->center[3 * v + k] = weights[v] * fine->positions[3 * v + k];
             m->curve[3 * v + k] = arcs[v] * fine->positions[3 * v + k];
@@ -31,6 +35,8 @@ static void merge(pci_contraction *m, uint32_t h) {
     const size_t a = pci_origin(&m->coarse, h), b = pci_target(&m->coarse, h);
     pci_collapse(&m->coarse, h);
     m->parent[a] = (uint32_t)b;
+    m->seam_vertices -= m->seam[a] && m->seam[b];
+    m->seam[b] |= m->seam[a];
     m->mass[b] += m->mass[a];
     m->arc[b] += m->arc[a];
     for (size_t k = 0; k < 3; ++k) {
@@ -77,10 +83,18 @@ static bool is_bound(const pci_contraction *m, uint32_t h, const uint8_t *bound)
     return bound != NULL && (bound[pci_origin(&m->coarse, h)] || bound[pci_target(&m->coarse, h)]);
 }
 
+// Whether a merge leaves at least so many vertices: on the seam it takes one, elsewhere another one
+// from the mirror image.
+static bool leaves(const pci_contraction *m, uint32_t h, size_t vertices) {
+    const bool twice = m->mirror != NULL &&
+                       !(m->seam[pci_origin(&m->coarse, h)] && m->seam[pci_target(&m->coarse, h)]);
+    return pci_contraction_vertices(m) >= vertices + (twice ? 2 : 1);
+}
+
 // Merges until `vertices` are left; edges with a bound end stay. False: out of memory.
 static bool contract_free(pci_contraction *m, size_t vertices, const uint8_t *bound) {
     size_t merged = 1;
-    while (m->coarse.live_vertices > vertices && merged > 0) {
+    while (pci_contraction_vertices(m) > vertices && merged > 0) {
         merged = 0;
         pci_heap cheapest = {0};
         for (uint32_t h = 0; h < 3 * m->coarse.triangle_count; ++h) {
@@ -91,13 +105,14 @@ static bool contract_free(pci_contraction *m, size_t vertices, const uint8_t *bo
         }
         pci_heap_entry entry;
         for (uint32_t pops = 1;
-             m->coarse.live_vertices > vertices && pci_heap_pop(&cheapest, &entry); ++pops) {
+             pci_contraction_vertices(m) > vertices && pci_heap_pop(&cheapest, &entry); ++pops) {
             const uint32_t h = entry.item;
             if (pops % 1024 == 0 && !pci_keep_going(m->scratch->context)) {
                 return false;
             }
             if (!pci_is_edge(&m->coarse, h) || merge_cost(m, h) != entry.key ||
-                is_bound(m, h, bound) || !pci_can_collapse(&m->coarse, h)) {
+                is_bound(m, h, bound) || !leaves(m, h, vertices) ||
+                !pci_can_collapse(&m->coarse, h)) {
                 continue;
             }
             const uint32_t kept = pci_target(&m->coarse, h);
@@ -135,11 +150,15 @@ static void place_vertices(pci_contraction *m, double *nearest, uint32_t *feet) 
                     border ? m->curve[3 * (size_t)v + k] / m->arc[v]
                            : m->center[3 * (size_t)v + k] / m->mass[v];
             }
+            if (m->seam[v]) {
+                m->coarse.positions[3 * (size_t)v + m->mirror->axis] = m->mirror->offset;
+            }
         }
     }
     for (uint32_t v = 0; v < nv; ++v) {
         const uint32_t root = pci_find_root(m->parent, v);
-        if (pci_is_border_vertex(&m->coarse, root) && !pci_is_border_vertex(m->fine, v)) {
+        if ((pci_is_border_vertex(&m->coarse, root) && !pci_is_border_vertex(m->fine, v)) ||
+            (m->seam[root] && !pci_is_seam_vertex(m->mirror, m->fine, v))) {
             continue;
         }
         const double distance = pci_squared_distance(&m->fine->positions[3 * (size_t)v],

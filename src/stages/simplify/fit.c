@@ -171,7 +171,7 @@ static void sum_pulls(fitting *f) {
         const bool on_border = f->arcs[s] > 0.0;
         for (size_t c = 0; c < 3; ++c) {
             const size_t v = vertices[c];
-            if (!on_border && pci_is_border_vertex(coarse, (uint32_t)v)) {
+            if (!on_border && pci_is_hem_vertex(f->relaxation->mirror, coarse, (uint32_t)v)) {
                 continue; // a hem follows the hem only
             }
             const double share = on_border ? f->arcs[s] * sqrt(f->squared[s])
@@ -230,7 +230,7 @@ static void add_face_pulls(fitting *f) {
             double point[3];
             face_point(coarse, corner, i, point);
             for (size_t c = 0; c < 3; ++c) {
-                if (pci_is_border_vertex(coarse, corner[c])) {
+                if (pci_is_hem_vertex(f->relaxation->mirror, coarse, corner[c])) {
                     continue;
                 }
                 const double w = area * nearest[3] * face_shares[i][c];
@@ -243,8 +243,9 @@ static void add_face_pulls(fitting *f) {
     }
 }
 
-// Unit normal of the fan around a vertex.
-static void fan_normal(const pci_halfedge *coarse, uint32_t v, double normal[3]) {
+// Unit normal of the fan around a vertex, on the seam with its mirror image.
+static void fan_normal(const pci_relaxation *r, uint32_t v, double normal[3]) {
+    const pci_halfedge *coarse = r->coarse;
     memset(normal, 0, 3 * sizeof(*normal));
     PCI_FOR_OUTGOING(coarse, v, h) {
         const double *a = &coarse->positions[3 * (size_t)v];
@@ -254,6 +255,9 @@ static void fan_normal(const pci_halfedge *coarse, uint32_t v, double normal[3])
         for (size_t k = 0; k < 3; ++k) {
             normal[k] += n[k];
         }
+    }
+    if (pci_is_seam_vertex(r->mirror, coarse, v)) {
+        normal[r->mirror->axis] = 0.0;
     }
     pci_normalize(normal);
 }
@@ -304,7 +308,7 @@ static void sliding_step(const pci_relaxation *r, uint32_t v, double step[3]) {
         return;
     }
     pci_sub(target, at, step);
-    const bool border = pci_is_border_vertex(coarse, v);
+    const bool border = pci_is_hem_vertex(r->mirror, coarse, v);
     if (border) {
         const uint32_t next = pci_target(coarse, coarse->outgoing[v]);
         const uint32_t previous = pci_origin(coarse, pci_border_incoming(coarse, v));
@@ -312,7 +316,7 @@ static void sliding_step(const pci_relaxation *r, uint32_t v, double step[3]) {
                 axis);
         pci_normalize(axis);
     } else {
-        fan_normal(coarse, v, axis);
+        fan_normal(r, v, axis);
     }
     const double share = pci_dot(step, axis);
     for (size_t k = 0; k < 3; ++k) {
@@ -339,7 +343,7 @@ static void move_vertex(const fitting *f, uint32_t v, double spacing) {
     double *at = &r->coarse->positions[3 * (size_t)v];
     const double start[3] = {at[0], at[1], at[2]};
     // Even triangles would turn the rings of a tube to a zigzag and draw borders off their bends.
-    const bool held = r->pinned[v] == PCI_RINGED || pci_is_border_vertex(r->coarse, v);
+    const bool held = r->pinned[v] == PCI_RINGED || pci_is_hem_vertex(r->mirror, r->coarse, v);
     const double slide = held ? held_share : slide_share;
     double step[3];
     sliding_step(r, v, step);
@@ -348,6 +352,9 @@ static void move_vertex(const fitting *f, uint32_t v, double spacing) {
         if (f->pull_weights[v] > 0.0) {
             step[k] += f->pulls[3 * (size_t)v + k] / f->pull_weights[v];
         }
+    }
+    if (pci_is_seam_vertex(r->mirror, r->coarse, v)) {
+        step[r->mirror->axis] = 0.0;
     }
     const double length = pci_norm(step), limit = 0.25 * spacing;
     double share = length > limit ? limit / length : 1.0;
@@ -490,6 +497,7 @@ static bool chase_outlier(const fitting *f, const sample_lists *lists, uint32_t 
                 target[k] = origin[k] + steps[i] * (to[k] - start[k]);
             }
             r->feet[v] = foot;
+            memcpy(at, start, sizeof(start));
             pci_relax_move(r, v, target);
             for (size_t k = 0; k < 3; ++k) {
                 at[k] += start[k] - origin[k];

@@ -222,7 +222,8 @@ static double best_merge(improvement *m, uint32_t h, place *where) {
     pci_relaxation *r = m->r;
     pci_halfedge *coarse = r->coarse;
     const uint32_t ends[2] = {pci_origin(coarse, h), pci_target(coarse, h)};
-    if ((r->pinned[ends[0]] && r->pinned[ends[1]]) || !pci_can_collapse(coarse, h)) {
+    if ((r->pinned[ends[0]] && r->pinned[ends[1]]) || pci_is_seam_edge(r->mirror, coarse, h) ||
+        !pci_can_collapse(coarse, h)) {
         return -1.0;
     }
     const bool border[2] = {pci_is_border_vertex(coarse, ends[0]),
@@ -272,10 +273,11 @@ static uint32_t merge_edge(improvement *m, uint32_t h, const place *where) {
 
 // ---- splits -----------------------------------------------------------------------------------
 
-// Edges of rings stay whole.
+// Edges of rings and of the seam stay whole.
 static bool may_split(const pci_relaxation *r, uint32_t h) {
-    return r->pinned[pci_origin(r->coarse, h)] != PCI_RINGED ||
-           r->pinned[pci_target(r->coarse, h)] != PCI_RINGED;
+    return !pci_is_seam_edge(r->mirror, r->coarse, h) &&
+           (r->pinned[pci_origin(r->coarse, h)] != PCI_RINGED ||
+            r->pinned[pci_target(r->coarse, h)] != PCI_RINGED);
 }
 
 // Splits edge h in the middle; PC_INVALID_INDEX: out of memory or of room.

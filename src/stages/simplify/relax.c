@@ -137,8 +137,12 @@ static void nearest_around(const pci_relaxation *r, uint32_t foot, const double 
 void pci_relax_move(pci_relaxation *r, uint32_t v, const double target[3]) {
     const bool border = pci_is_border_vertex(r->coarse, v);
     double point[3] = {target[0], target[1], target[2]};
-    r->feet[v] = walk(r, r->feet[v], target, border);
-    nearest_around(r, r->feet[v], target, border, point);
+    const uint32_t foot = walk(r, r->feet[v], target, border);
+    nearest_around(r, foot, target, border, point);
+    if (border && pci_on_mirror(r->mirror, point) != pci_on_mirror(r->mirror, coarse_point(r, v))) {
+        return; // around the end of the seam
+    }
+    r->feet[v] = foot;
     memcpy(&r->coarse->positions[3 * (size_t)v], point, sizeof(point));
 }
 
@@ -198,7 +202,7 @@ void pci_relax_place(pci_relaxation *r) {
 // its triangles weighted by area (a step of Lloyd's method). False: its triangles have no area.
 static bool even_place(const pci_relaxation *r, uint32_t v, double target[3]) {
     const pci_halfedge *coarse = r->coarse;
-    if (pci_is_border_vertex(coarse, v)) {
+    if (pci_is_hem_vertex(r->mirror, coarse, v)) {
         const double *next = coarse_point(r, pci_target(coarse, coarse->outgoing[v]));
         const double *previous =
             coarse_point(r, pci_origin(coarse, pci_border_incoming(coarse, v)));

@@ -3,7 +3,7 @@
 #ifndef PCI_RELAX_H
 #define PCI_RELAX_H
 
-#include "geometry/halfedge.h"
+#include "stages/simplify/mirror.h"
 
 // Each coarse vertex with index v stands on the fine surface near the fine vertex feet[v]; border
 // vertices stand on the fine border.
@@ -15,6 +15,8 @@ typedef struct pci_relaxation {
     pci_halfedge *coarse;
     uint32_t *feet;  // per coarse vertex
     uint8_t *pinned; // per coarse vertex: free (0), PCI_PINNED or PCI_RINGED
+    const pci_mirror
+        *mirror; // the fine mesh is half of one, whose seam keeps its vertices; or NULL
 } pci_relaxation;
 
 // Does not move. Of a ring around a tube: moves only where fitting draws it, and edges between
@@ -24,7 +26,8 @@ enum { PCI_PINNED = 1, PCI_RINGED = 2 };
 // Puts every coarse vertex onto the fine surface, at the point nearest to its position that can be
 // reached by walking downhill from its foot.
 void pci_relax_place(pci_relaxation *relaxation);
-// Puts vertex v onto the fine surface next to the target, likewise.
+// Puts vertex v onto the fine surface next to the target, likewise; not from the seam to another
+// part of the border, or back.
 void pci_relax_move(pci_relaxation *relaxation, uint32_t v, const double target[3]);
 // The point of the fine surface or border nearest to one near vertex v, found by walking from the
 // vertex's foot.

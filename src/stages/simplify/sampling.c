@@ -158,9 +158,64 @@ static bool sample(pci_scratch *scratch, const pc_mesh *layer, size_t vertices,
     return done && pci_keep_going(scratch->context);
 }
 
+// Whether a seam ends at a vertex of the border.
+static bool ends_seam(const pci_sampling *s, uint32_t v) {
+    const pci_halfedge *mesh = &s->mesh;
+    return pci_is_seam_vertex(s->mirror, mesh, v) &&
+           !(pci_is_seam_vertex(s->mirror, mesh, pci_target(mesh, mesh->outgoing[v])) &&
+             pci_is_seam_vertex(s->mirror, mesh, pci_origin(mesh, pci_border_incoming(mesh, v))));
+}
+
+// Puts the ends of seams before the corners that were found. Vertices on the seam serve both
+// halves: there are about half of them more clusters.
+static bool add_seam(pci_scratch *scratch, pci_sampling *s) {
+    size_t ends = 0, count = 0;
+    double length = 0.0;
+    for (uint32_t v = 0; v < s->mesh.vertex_count; ++v) {
+        ends += ends_seam(s, v);
+    }
+    for (uint32_t h = 0; h < 3 * s->mesh.triangle_count; ++h) {
+        length += pci_is_seam_edge(s->mirror, &s->mesh, h) ? pci_edge_length(&s->mesh, h) : 0.0;
+    }
+    s->clusters += (size_t)(0.5 * length / s->spacing);
+    uint32_t *corners = PCI_SCRATCH(scratch, uint32_t, ends + s->corner_count);
+    if (corners == NULL) {
+        return false;
+    }
+    for (uint32_t v = 0; v < s->mesh.vertex_count; ++v) {
+        if (ends_seam(s, v)) {
+            corners[count++] = v;
+        }
+    }
+    for (size_t i = 0; i < s->corner_count; ++i) {
+        if (!pci_is_seam_vertex(s->mirror, &s->mesh, s->corners[i])) {
+            corners[count++] = s->corners[i];
+        }
+    }
+    s->corners = corners;
+    s->corner_count = count;
+    return true;
+}
+
+// Flattens pleats, of a whole mesh: a seam amid them would stay where it is.
+static bool flatten(pci_scratch *scratch, double spacing, pci_sampling *s) {
+    const size_t size = 3 * s->mesh.vertex_count * sizeof(double);
+    double *before = PCI_SCRATCH(scratch, double, 3 * s->mesh.vertex_count);
+    if (before == NULL) {
+        return false;
+    }
+    memcpy(before, s->mesh.positions, size);
+    pc_mesh mesh = {s->mesh.vertex_count, s->mesh.positions, s->mesh.triangle_count,
+                    s->mesh.corners};
+    const bool done = pci_flatten_pleats(scratch, spacing, &mesh, s->normals);
+    s->pleated = memcmp(before, s->mesh.positions, size) != 0;
+    pci_scratch_release(scratch, before);
+    return done;
+}
+
 bool pci_sampling_begin(pci_scratch *scratch, const pc_mesh *layer, size_t vertices,
-                        const pci_density *density, pci_sampling *s) {
-    memset(s, 0, sizeof(*s));
+                        const pci_density *density, const pci_mirror *mirror, pci_sampling *s) {
+    *s = (pci_sampling){.mirror = mirror, .vertices = vertices, .clusters = vertices};
     if (!sample(scratch, layer, vertices, density, s)) {
         return false;
     }
@@ -173,9 +228,9 @@ bool pci_sampling_begin(pci_scratch *scratch, const pc_mesh *layer, size_t verti
     if (scratch->failed) {
         return false;
     }
-    pc_mesh mesh = {nv, s->mesh.positions, s->mesh.triangle_count, s->mesh.corners};
+    const pc_mesh mesh = {nv, s->mesh.positions, s->mesh.triangle_count, s->mesh.corners};
     pci_vertex_normals(&mesh, s->normals);
-    if (!pci_flatten_pleats(scratch, even_spacing(&s->mesh, NULL, vertices), &mesh, s->normals) ||
+    if (!flatten(scratch, even_spacing(&s->mesh, NULL, vertices), s) ||
         !pci_fans_build(scratch, &s->mesh, &s->fans)) {
         return false;
     }
@@ -187,7 +242,7 @@ bool pci_sampling_begin(pci_scratch *scratch, const pc_mesh *layer, size_t verti
         }
     }
     for (uint32_t h = 0; h < 3 * mesh.triangle_count; ++h) {
-        if (s->mesh.twins[h] == PC_INVALID_INDEX) {
+        if (s->mesh.twins[h] == PC_INVALID_INDEX && !pci_is_seam_edge(mirror, &s->mesh, h)) {
             const double length = pci_edge_length(&s->mesh, h);
             s->arcs[pci_origin(&s->mesh, h)] += 0.5 * length;
             s->arcs[pci_target(&s->mesh, h)] += 0.5 * length;
@@ -201,7 +256,8 @@ bool pci_sampling_begin(pci_scratch *scratch, const pc_mesh *layer, size_t verti
     }
     s->spacing = even_spacing(&s->mesh, NULL, vertices);
     return pci_find_corners(scratch, &s->mesh, corner_reach * s->spacing, &s->corners,
-                            &s->corner_count);
+                            &s->corner_count) &&
+           (mirror == NULL || add_seam(scratch, s));
 }
 
 void pci_sampling_weigh(pci_sampling *s) {

@@ -14,6 +14,7 @@
 #include "stages/simplify/fit.h"
 #include "stages/simplify/improve.h"
 #include "stages/simplify/joint.h"
+#include "stages/simplify/mirror.h"
 #include "stages/simplify/rings.h"
 #include "stages/simplify/sampling.h"
 #include "stages/simplify/separate.h"
@@ -45,6 +46,9 @@ static const pc_field option_fields[] = {
                      "Passes of boundary exchanges between clusters"),
     PCI_FIELD_OPTION(pc_simplify_options, seed, UINT, 1, 0, 4294967295, "",
                      "Picks the vertex of the first cluster"),
+    PCI_FIELD_OPTION(pc_simplify_options, mirror, BOOL, 0, 0, 1, "",
+                     "Garments that are the same on both sides of a plane across an axis get a "
+                     "proxy that is, too"),
 };
 const pc_record pc_simplify_options_record = PCI_RECORD(option_fields, pc_simplify_options);
 
@@ -79,6 +83,8 @@ static const pc_field report_fields[] = {
      .unit = "",
      .help = "Why the proxy has another number of vertices or parts than asked for",
      .choices = shortfall_choices},
+    PCI_FIELD_REPORT(pc_simplify_report, mirrored, BOOL, "",
+                     "Whether one half of the proxy is the mirror image of the other"),
 };
 const pc_record pc_simplify_report_record = PCI_RECORD(report_fields, pc_simplify_report);
 
@@ -174,16 +180,15 @@ static bool drop_unaffordable(pci_scratch *scratch, pc_mesh *layer, size_t verti
 static bool cluster(pci_scratch *scratch, const pci_sampling *s, const pc_simplify_options *options,
                     uint64_t attempt, pci_clustering *c, uint64_t *iterations) {
     const double share = pci_random(options->seed, 0, attempt);
-    return pci_cluster_vertices(scratch->context, s, options->vertices,
+    return pci_cluster_vertices(scratch->context, s, s->clusters,
                                 (uint32_t)(share * (double)s->mesh.vertex_count),
                                 options->clustering_iterations, c, iterations);
 }
 
 // The sharpest corners get clusters of their own, else one cluster may hold two of them, as both
 // sides of a slit. Those of rings stay with them.
-static bool choose_anchors(pci_scratch *scratch, const pci_sampling *s, size_t vertices,
-                           pci_clustering *c) {
-    const size_t most = (vertices - c->rings.count) / anchor_share;
+static bool choose_anchors(pci_scratch *scratch, const pci_sampling *s, pci_clustering *c) {
+    const size_t most = (s->clusters - c->rings.count) / anchor_share;
     c->anchors = PCI_SCRATCH(scratch, uint32_t, s->corner_count);
     if (c->anchors == NULL) {
         return false;
@@ -196,31 +201,36 @@ static bool choose_anchors(pci_scratch *scratch, const pci_sampling *s, size_t v
     return true;
 }
 
-// Clusters uniformly, then again with smaller clusters where the first ones are too wide or the
-// density map asks for them, with rings around thin tubes and anchors at corners. Later attempts
-// keep the sizes and begin elsewhere.
-static bool cluster_samples(pci_scratch *scratch, pci_sampling *s,
+// Clusters uniformly, for smaller clusters where these are too wide or the density map asks for
+// them.
+static bool size_samples(pci_scratch *scratch, pci_sampling *s,
+                         const pc_simplify_options *options) {
+    pci_clustering c = {.cluster = PCI_SCRATCH(scratch, uint32_t, s->mesh.vertex_count)};
+    uint64_t iterations = 0;
+    if (options->narrow_refinement == 1.0 && s->densities == NULL) {
+        return true;
+    }
+    if (c.cluster == NULL || !cluster(scratch, s, options, 0, &c, &iterations) ||
+        !pci_size_clusters(scratch, c.cluster, s->clusters, options->narrow_refinement, s)) {
+        return false;
+    }
+    pci_sampling_weigh(s);
+    return true;
+}
+
+// Clusters with rings around thin tubes and anchors at corners. Each attempt begins elsewhere.
+static bool cluster_samples(pci_scratch *scratch, const pci_sampling *s,
                             const pc_simplify_options *options, uint64_t attempt, pci_clustering *c,
                             uint64_t *iterations) {
-    const bool uniform = options->narrow_refinement == 1.0 && s->densities == NULL;
     *c = (pci_clustering){.cluster = PCI_SCRATCH(scratch, uint32_t, s->mesh.vertex_count)};
     if (c->cluster == NULL) {
         return false;
     }
-    if (!uniform && attempt == 0) {
-        if (!cluster(scratch, s, options, attempt, c, iterations) ||
-            !pci_size_clusters(scratch, c->cluster, options->vertices, options->narrow_refinement,
-                               s)) {
-            return false;
-        }
-        pci_sampling_weigh(s);
-    }
     if (options->narrow_refinement > 1.0 &&
-        !pci_find_rings(scratch, s, options->vertices, attempt, &c->rings)) {
+        !pci_find_rings(scratch, s, s->vertices, attempt, &c->rings)) {
         return false;
     }
-    return choose_anchors(scratch, s, options->vertices, c) &&
-           cluster(scratch, s, options, attempt, c, iterations);
+    return choose_anchors(scratch, s, c) && cluster(scratch, s, options, attempt, c, iterations);
 }
 
 // Marks the vertices in clusters of rings and corners.
@@ -275,7 +285,8 @@ static bool relax_and_fit(pci_scratch *scratch, const pci_sampling *s, const pci
     if (pinned == NULL) {
         return false;
     }
-    pci_relaxation relaxation = {&s->mesh, &s->fans, s->normals, s->scales, coarse, feet, pinned};
+    pci_relaxation relaxation = {&s->mesh, &s->fans, s->normals, s->scales,
+                                 coarse,   feet,     pinned,     s->mirror};
     pci_relax_place(&relaxation);
     if (!pci_lace_rings(scratch, rings, nearby, &relaxation)) {
         return false;
@@ -286,15 +297,23 @@ static bool relax_and_fit(pci_scratch *scratch, const pci_sampling *s, const pci
             return false;
         }
     }
-    // A corner that leaves no room for good triangles is given up.
+    // A corner that leaves no room for good triangles is given up, but for the ends of seams.
     for (uint32_t v = 0; v < coarse->vertex_count; ++v) {
-        if (pinned[v] && pci_relax_quality(&relaxation, v) < pinned_quality) {
+        if (pinned[v] && !pci_is_seam_vertex(s->mirror, coarse, v) &&
+            pci_relax_quality(&relaxation, v) < pinned_quality) {
             pinned[v] = 0;
         }
     }
     if (!pci_improve(scratch, &relaxation, s->spacing, nearby) ||
         !pci_fit(scratch, &relaxation, nearby, s->areas, s->arcs, s->spacing, fit_passes)) {
         return false;
+    }
+    uint8_t *seam = PCI_SCRATCH(scratch, uint8_t, coarse->vertex_count);
+    if (seam == NULL) {
+        return false;
+    }
+    for (uint32_t v = 0; v < coarse->vertex_count; ++v) {
+        seam[v] = pci_is_seam_vertex(s->mirror, coarse, v);
     }
     // What little is left to do may leave the surface, the less the better.
     for (size_t i = 0; i < sizeof(reaches) / sizeof(reaches[0]); ++i) {
@@ -303,8 +322,16 @@ static bool relax_and_fit(pci_scratch *scratch, const pci_sampling *s, const pci
         }
     }
     size_t left = 0;
-    return pci_untangle(scratch, &relaxation, s->spacing, &left) &&
-           pci_separate(scratch, &relaxation, s->spacing, flaws);
+    if (!pci_untangle(scratch, &relaxation, s->spacing, &left) ||
+        !pci_separate(scratch, &relaxation, s->spacing, flaws)) {
+        return false;
+    }
+    for (size_t v = 0; v < coarse->vertex_count; ++v) {
+        if (seam[v]) {
+            coarse->positions[3 * v + s->mirror->axis] = s->mirror->offset;
+        }
+    }
+    return true;
 }
 
 static pc_status measure(pci_scratch *scratch, const pc_mesh *mesh, size_t wanted,
@@ -328,14 +355,19 @@ static bool fill_notches(pci_scratch *scratch, size_t vertices, pc_mesh *layer) 
     return pci_fill_notches(scratch, pci_even_spacing(pc_mesh_area(layer), vertices), layer);
 }
 
+// Whether there is a density map.
+static bool is_mapped(const pc_visual *visual, const pc_simplify_options *options) {
+    return options->density_channel != PC_DENSITY_NONE && options->method == PC_SIMPLIFY_CLUSTERS &&
+           visual != NULL && visual->colors != NULL;
+}
+
 static pc_status begin_sampling(pci_scratch *scratch, const pc_visual *visual, const pc_mesh *layer,
-                                const pc_simplify_options *options, pci_sampling *s,
-                                pc_simplify_report *report) {
+                                const pc_simplify_options *options, const pci_mirror *mirror,
+                                pci_sampling *s, pc_simplify_report *report) {
     pci_density density = {0};
-    const bool wanted =
-        options->density_channel != PC_DENSITY_NONE && options->method == PC_SIMPLIFY_CLUSTERS;
-    const bool mapped = wanted && visual != NULL && visual->colors != NULL;
-    report->density_ignored = wanted && !mapped;
+    const bool mapped = is_mapped(visual, options);
+    report->density_ignored = !mapped && options->density_channel != PC_DENSITY_NONE &&
+                              options->method == PC_SIMPLIFY_CLUSTERS;
     if (mapped) {
         const size_t channel = options->density_channel - PC_DENSITY_RED;
         const pc_status status = pci_density_begin(scratch->context, stage, visual, channel,
@@ -344,10 +376,39 @@ static pc_status begin_sampling(pci_scratch *scratch, const pc_visual *visual, c
             return status;
         }
     }
+    const size_t vertices = mirror != NULL ? options->vertices / 2 : options->vertices;
     const bool done =
-        pci_sampling_begin(scratch, layer, options->vertices, mapped ? &density : NULL, s);
+        pci_sampling_begin(scratch, layer, vertices, mapped ? &density : NULL, mirror, s);
     pci_density_end(&density);
     return done ? PC_OK : pci_fail_memory(scratch->context, stage);
+}
+
+// Both halves of a proxy. False: out of memory.
+static bool unfold(pci_scratch *scratch, const pci_mirror *mirror, const pci_halfedge *coarse,
+                   pc_mesh *proxy) {
+    const pc_mesh half = {coarse->vertex_count, coarse->positions, coarse->triangle_count,
+                          coarse->corners};
+    return pci_unfold(scratch, mirror, &half, proxy);
+}
+
+// How many clusters a half needs depends on how many lie on the seam, which is known afterwards.
+// Whether there are others now.
+static bool adjust_clusters(pci_sampling *s, const pc_simplify_options *options,
+                            const pci_contraction *contraction, size_t round) {
+    static const size_t rounds = PCI_EFFORT(4, 2), most_surplus = 1;
+    const size_t vertices = pci_contraction_vertices(contraction);
+    if (s->mirror == NULL || round == rounds) {
+        return false;
+    }
+    if (vertices < options->vertices) {
+        s->clusters += (options->vertices - vertices + 1) / 2;
+        return true;
+    }
+    const size_t surplus = (vertices - options->vertices) / 2;
+    const bool fewer = vertices > options->vertices + most_surplus &&
+                       s->clusters > s->vertices + surplus && round + 1 < rounds;
+    s->clusters -= fewer ? surplus : 0;
+    return fewer;
 }
 
 // One proxy and what is wrong with it. False: out of memory or cancelled.
@@ -360,20 +421,29 @@ static bool make_proxy(pci_scratch *scratch, pci_sampling *s, const pc_simplify_
     pci_halfedge coarse;
     pci_clustering c;
     pc_mesh contracted = {0};
-    if (!cluster_samples(scratch, s, options, attempt, &c, &report->iterations) ||
-        !bind_clusters(scratch, &c, s->mesh.vertex_count, options->vertices, &bound) ||
-        !pci_progress(scratch->context, stage, 0.6) ||
-        !pci_contraction_begin(scratch, &s->mesh, s->weights, s->arcs, s->spacing, &contraction)) {
+    if (attempt == 0 && !size_samples(scratch, s, options)) {
         return false;
     }
-    pci_contract_clusters(&contraction, c.cluster);
-    report->surplus_vertices = contraction.coarse.live_vertices - options->vertices;
+    for (size_t round = 0; round == 0 || adjust_clusters(s, options, &contraction, round);
+         ++round) {
+        if (!cluster_samples(scratch, s, options, attempt, &c, &report->iterations) ||
+            !bind_clusters(scratch, &c, s->mesh.vertex_count, (uint32_t)s->clusters, &bound) ||
+            !pci_progress(scratch->context, stage, 0.6) ||
+            !pci_contraction_begin(scratch, &s->mesh, s->weights, s->arcs, s->spacing, s->mirror,
+                                   &contraction)) {
+            return false;
+        }
+        pci_contract_clusters(&contraction, c.cluster);
+    }
+    const size_t vertices = pci_contraction_vertices(&contraction);
+    report->surplus_vertices = vertices > options->vertices ? vertices - options->vertices : 0;
     const bool built = pci_contract_to(&contraction, options->vertices, bound) &&
                        pci_contraction_result(&contraction, &contracted, &feet, &nearby) &&
                        pci_halfedge_build(scratch, &contracted, &coarse);
     pc_mesh_free(scratch->context, &contracted);
     return built && relax_and_fit(scratch, s, &c.rings, &coarse, feet, nearby, flaws) &&
-           pci_halfedge_export(&coarse, proxy, NULL);
+           (s->mirror != NULL ? unfold(scratch, s->mirror, &coarse, proxy)
+                              : pci_halfedge_export(&coarse, proxy, NULL));
 }
 
 typedef struct farthest_job {
@@ -474,6 +544,83 @@ static pc_status simplify_by_clusters(pc_context *context, pci_sampling *s,
     return status;
 }
 
+static double least_angle(const pc_mesh *mesh, size_t triangle) {
+    const uint32_t *corner = &mesh->triangles[3 * triangle];
+    return pci_least_angle(&mesh->positions[3 * (size_t)corner[0]],
+                           &mesh->positions[3 * (size_t)corner[1]],
+                           &mesh->positions[3 * (size_t)corner[2]]);
+}
+
+// One proxy of a half and its mirror image. `angle` receives the mean of the triangles' least
+// angles; 0: it has a flaw, other vertices than asked for, or another topology than the layer.
+static pc_status try_half(pci_scratch *scratch, pci_sampling *s, const pc_simplify_options *options,
+                          uint64_t number, const pci_shape *wanted, attempt *made, double *angle) {
+    pci_shape shape;
+    *angle = 0.0;
+    const pc_status status = try_once(scratch->context, s, options, number, made);
+    if (status != PC_OK) {
+        return status;
+    }
+    const pc_mesh *proxy = &made->proxy;
+    if (!pci_find_shape(scratch, proxy, &shape) ||
+        !pci_list_self_intersections(scratch, proxy, NULL, &made->flaws.crossings)) {
+        return pci_fail_memory(scratch->context, stage);
+    }
+    made->flaws.slivers = 0;
+    for (size_t t = 0; t < proxy->triangle_count; ++t) {
+        const double least = least_angle(proxy, t);
+        made->flaws.slivers += least < PCI_LEAST_ANGLE;
+        *angle += least / (double)proxy->triangle_count;
+    }
+    const bool whole =
+        proxy->vertex_count == options->vertices && pci_same_topology(&shape, wanted);
+    *angle = whole && is_flawless(made) ? *angle : 0.0;
+    return PC_OK;
+}
+
+// The proxy of a garment that is the same on both sides of a plane: that of one half and its mirror
+// image, the better of two. Empty where there is no such plane, or no such proxy without flaw.
+static pc_status simplify_half(pci_scratch *scratch, const pc_mesh *layer,
+                               const pc_simplify_options *options, pc_mesh *proxy,
+                               pc_simplify_report *report) {
+    static const size_t halved_attempts = PCI_EFFORT(3, 1), compared = 2;
+    pc_context *context = scratch->context;
+    pci_mirror mirror;
+    pci_sampling s;
+    pc_mesh half = {0};
+    pci_shape wanted;
+    const double spacing = pci_even_spacing(pc_mesh_area(layer), options->vertices);
+    pc_status status = pci_halve(context, stage, layer, spacing, &mirror, &half);
+    if (status != PC_OK || half.triangle_count == 0) {
+        return status;
+    }
+    status = begin_sampling(scratch, NULL, &half, options, &mirror, &s, report);
+    pc_mesh_free(context, &half);
+    if (status == PC_OK && !pci_find_shape(scratch, layer, &wanted)) {
+        status = pci_fail_memory(context, stage);
+    }
+    double best = 0.0;
+    size_t good = 0;
+    const size_t attempts = status == PC_OK && s.pleated ? 0 : halved_attempts;
+    for (size_t i = 0; i < attempts && good < compared && status == PC_OK; ++i) {
+        attempt next = {.report = *report};
+        double angle = 0.0;
+        status = try_half(scratch, &s, options, i, &wanted, &next, &angle);
+        good += angle > 0.0;
+        if (angle > best) {
+            best = angle;
+            pc_mesh_free(context, proxy);
+            *proxy = next.proxy;
+            *report = next.report;
+            report->mirrored = true;
+        } else {
+            pc_mesh_free(context, &next.proxy);
+        }
+        report->attempts = i + 1;
+    }
+    return status;
+}
+
 static pc_status simplify_jointly(pci_scratch *scratch, const pc_visual *visual, pci_sampling *s,
                                   const pc_simplify_options *options, pc_mesh *proxy,
                                   pc_simplify_report *report) {
@@ -499,7 +646,14 @@ static pc_status simplify(pci_scratch *scratch, const pc_visual *visual, pc_mesh
          !fill_notches(scratch, options->vertices, layer))) {
         return pci_fail_memory(context, stage);
     }
-    pc_status status = begin_sampling(scratch, visual, layer, options, &s, report);
+    pc_status status = PC_OK;
+    if (options->mirror && options->method == PC_SIMPLIFY_CLUSTERS && !is_mapped(visual, options)) {
+        status = simplify_half(scratch, layer, options, proxy, report);
+        if (status != PC_OK || proxy->triangle_count > 0) {
+            return status == PC_OK ? measure(scratch, proxy, options->vertices, report) : status;
+        }
+    }
+    status = begin_sampling(scratch, visual, layer, options, NULL, &s, report);
     if (status != PC_OK) {
         return status;
     }

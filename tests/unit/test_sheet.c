@@ -32,9 +32,11 @@ static pc_status find_sheet(pc_context *context, const pc_mesh *mesh, double alo
                        .cell_size = cell_size,
                        .mesh = *mesh};
     uint64_t filled = 0;
-    const pc_status status = pci_topology_build_edges(&scratch, mesh, &cloth.edges)
-                                 ? pci_nearest_sheet(&cloth, alone, among, distance, layer, &filled)
-                                 : pci_fail_memory(context, "test");
+    const pci_shape shape = {0}; // of no sheet
+    const pc_status status =
+        pci_topology_build_edges(&scratch, mesh, &cloth.edges)
+            ? pci_nearest_sheet(&cloth, &shape, alone, among, distance, layer, &filled)
+            : pci_fail_memory(context, "test");
     pci_scratch_end(&scratch);
     return status;
 }

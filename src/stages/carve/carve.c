@@ -520,11 +520,13 @@ static pc_status try_sheet(const carve_job *job, pc_mesh *layer, pc_carve_report
     const double among = fmin(most_left_out * fmax(alone, left_out_voxels * cell_size),
                               most_stray_voxels * cell_size);
     if (status == PC_OK) {
-        status = pci_nearest_sheet(job->cloth, alone, among, &distance, &sheet, &filled);
+        status = find_shape(scratch, layer, &shape);
+    }
+    if (status == PC_OK) {
+        status = pci_nearest_sheet(job->cloth, &shape, alone, among, &distance, &sheet, &filled);
     }
     if (status == PC_OK && sheet.triangle_count > 0) {
-        status = find_shape(scratch, layer, &shape);
-        status = status == PC_OK ? find_shape(scratch, &sheet, &other) : status;
+        status = find_shape(scratch, &sheet, &other);
     }
     if (status == PC_OK && sheet.triangle_count > 0 &&
         (distance < alone || !pci_same_topology(&other, &shape))) {

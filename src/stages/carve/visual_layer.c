@@ -574,8 +574,31 @@ static uint8_t *find_accompanied(pci_scratch *scratch, const pc_mesh *mesh,
     return accompanied;
 }
 
-pc_status pci_nearest_sheet(const pci_cloth *cloth, double alone, double among, double *distance,
-                            pc_mesh *layer, uint64_t *filled_loops) {
+// The topology of each part of the cloth. NULL: out of memory.
+static pci_shape *find_shapes(const pci_cloth *cloth, const uint32_t *component, size_t count) {
+    const pc_mesh *mesh = &cloth->mesh;
+    const size_t *borders = count_borders(cloth, component, count);
+    pci_shape *shapes = PCI_SCRATCH(cloth->scratch, pci_shape, count);
+    uint8_t *seen = PCI_SCRATCH(cloth->scratch, uint8_t, mesh->vertex_count);
+    if (cloth->scratch->failed || borders == NULL) {
+        return NULL;
+    }
+    for (size_t i = 0; i < count; ++i) {
+        shapes[i] = (pci_shape){.components = 1, .boundary_loops = borders[i]};
+    }
+    for (size_t k = 0; k < 3 * mesh->triangle_count; ++k) {
+        shapes[component[k / 3]].euler += (size_t)(k % 3 == 0) + (seen[mesh->triangles[k]] == 0);
+        seen[mesh->triangles[k]] = 1;
+    }
+    for (size_t e = 0; e < cloth->edges.edge_count; ++e) {
+        --shapes[component[pci_sides(&cloth->edges, e)[0]]].euler;
+    }
+    return shapes;
+}
+
+pc_status pci_nearest_sheet(const pci_cloth *cloth, const pci_shape *shape, double alone,
+                            double among, double *distance, pc_mesh *layer,
+                            uint64_t *filled_loops) {
     pci_scratch *scratch = cloth->scratch;
     const pc_mesh *mesh = &cloth->mesh;
     uint32_t *component = PCI_SCRATCH(scratch, uint32_t, mesh->triangle_count);
@@ -592,15 +615,23 @@ pc_status pci_nearest_sheet(const pci_cloth *cloth, double alone, double among, 
         return pci_fail_memory(scratch->context, cloth->stage);
     }
     const uint8_t *accompanied = find_accompanied(scratch, mesh, component, count, open);
-    if (accompanied == NULL) {
+    const pci_shape *shapes = find_shapes(cloth, component, count);
+    double *limits = PCI_SCRATCH(scratch, double, count);
+    if (scratch->failed || accompanied == NULL || shapes == NULL) {
         return pci_fail_memory(scratch->context, cloth->stage);
+    }
+    bool wanted = alone > 0.0;
+    for (size_t i = 0; i < count; ++i) {
+        limits[i] = accompanied[i] ? fmax(alone, among) : alone;
+        limits[i] = open[i] && spans(&boxes[6 * i], box, limits[i]) ? limits[i] : 0.0;
+        wanted = wanted || (limits[i] > 0.0 && !pci_same_topology(&shapes[i], shape));
     }
     const struct pci_scratch_block *mark = scratch->blocks;
     pc_status status = PC_OK;
     *distance = INFINITY;
-    for (size_t i = 0; i < count && status == PC_OK; ++i) {
-        const double limit = fmin(*distance, accompanied[i] ? fmax(alone, among) : alone);
-        if (!open[i] || !spans(&boxes[6 * i], box, limit)) {
+    for (size_t i = 0; i < count && status == PC_OK && wanted; ++i) {
+        const double limit = fmin(*distance, limits[i]);
+        if (limit <= 0.0 || !spans(&boxes[6 * i], box, limit)) {
             continue;
         }
         pc_mesh sheet = {0};

@@ -63,9 +63,10 @@ PC_NODISCARD pc_status pci_farthest(const pci_cloth *cloth, const pc_mesh *layer
 // Of the parts of the cloth that are one sheet each, as the layers of a skirt, the one that the
 // visual mesh strays from least, which `distance` receives. `layer` stays empty where it strays
 // from all at least as far as `alone`, or `among`, if that is more, from parts that are not alone:
-// another one with a border has half of their area. PC_OK; PC_ERROR_OUT_OF_MEMORY;
-// PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
-PC_NODISCARD pc_status pci_nearest_sheet(const pci_cloth *cloth, double alone, double among,
-                                         double *distance, pc_mesh *layer, uint64_t *filled_loops);
+// another one with a border has half of their area; and where `alone` is 0 and the parts have the
+// topology `shape` already. PC_OK; PC_ERROR_OUT_OF_MEMORY; PC_ERROR_DEPENDENCY; PC_ERROR_CANCELLED.
+PC_NODISCARD pc_status pci_nearest_sheet(const pci_cloth *cloth, const pci_shape *shape,
+                                         double alone, double among, double *distance,
+                                         pc_mesh *layer, uint64_t *filled_loops);
 
 #endif

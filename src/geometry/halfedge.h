@@ -32,6 +32,11 @@ bool pci_halfedge_copy(pci_scratch *scratch, const pci_halfedge *from, pci_halfe
 // The live part as a mesh that the caller frees; `kept` (may be NULL) receives the old indices.
 bool pci_halfedge_export(const pci_halfedge *mesh, pc_mesh *result, uint32_t **kept);
 
+// All of it as a mesh that shares its arrays, removed triangles with it.
+static inline pc_mesh pci_halfedge_view(const pci_halfedge *mesh) {
+    return (pc_mesh){mesh->vertex_count, mesh->positions, mesh->triangle_count, mesh->corners};
+}
+
 static inline uint32_t pci_next(uint32_t h) { return h % 3 == 2 ? h - 2 : h + 1; }
 static inline uint32_t pci_previous(uint32_t h) { return h % 3 == 0 ? h + 2 : h - 1; }
 static inline uint32_t pci_origin(const pci_halfedge *mesh, uint32_t h) { return mesh->corners[h]; }

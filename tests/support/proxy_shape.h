@@ -48,16 +48,26 @@ static inline shape check_manifold(pc_context *context, const pc_mesh *mesh) {
     return result;
 }
 
-// Simplifies and frees the input.
-static inline pc_mesh simplified(pc_context *context, pc_mesh *mesh, uint32_t vertices,
-                                 pc_simplify_report *report) {
+static inline pc_simplify_options simplify_options(uint32_t vertices) {
     pc_simplify_options options;
     pc_record_set_defaults(&pc_simplify_options_record, &options);
     options.vertices = vertices;
+    return options;
+}
+
+// Simplify and free the input.
+static inline pc_mesh simplified_with(pc_context *context, pc_mesh *mesh,
+                                      const pc_simplify_options *options,
+                                      pc_simplify_report *report) {
     pc_mesh proxy = {0};
-    assert_ok(context, pc_simplify(context, NULL, mesh, &options, &proxy, report));
+    assert_ok(context, pc_simplify(context, NULL, mesh, options, &proxy, report));
     pc_mesh_free(context, mesh);
     return proxy;
+}
+static inline pc_mesh simplified(pc_context *context, pc_mesh *mesh, uint32_t vertices,
+                                 pc_simplify_report *report) {
+    const pc_simplify_options options = simplify_options(vertices);
+    return simplified_with(context, mesh, &options, report);
 }
 
 #endif

@@ -8,14 +8,9 @@
 // The proxy with the option `mirror`. Frees the mesh.
 static pc_mesh mirrored(pc_context *context, pc_mesh *mesh, uint32_t vertices,
                         pc_simplify_report *report) {
-    pc_simplify_options options;
-    pc_record_set_defaults(&pc_simplify_options_record, &options);
-    options.vertices = vertices;
+    pc_simplify_options options = simplify_options(vertices);
     options.mirror = true;
-    pc_mesh proxy = {0};
-    assert_ok(context, pc_simplify(context, NULL, mesh, &options, &proxy, report));
-    pc_mesh_free(context, mesh);
-    return proxy;
+    return simplified_with(context, mesh, &options, report);
 }
 
 // A skirt that is the same on both sides of x = 0 only: it leans forward and is wider in front.

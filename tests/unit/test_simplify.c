@@ -370,9 +370,7 @@ static void refines_narrow_parts(void **state) {
             const double radius = p[1] < 4.0 ? 0.3 : 1.5;
             p[0] *= radius, p[2] *= radius;
         }
-        pc_simplify_options options;
-        pc_record_set_defaults(&pc_simplify_options_record, &options);
-        options.vertices = 100;
+        pc_simplify_options options = simplify_options(100);
         options.narrow_refinement = refined ? 2.0 : 1.0;
         pc_mesh proxy = {0};
         assert_ok(context, pc_simplify(context, NULL, &tube, &options, &proxy, NULL));

@@ -529,7 +529,7 @@ static bool take_kept(pci_isoline *o, size_t first, uint8_t *keep, pc_mesh *kept
             memset(&mesh->corners[3 * t], 0, 3 * sizeof(*mesh->corners));
         }
     }
-    const pc_mesh all = {mesh->vertex_count, mesh->positions, mesh->triangle_count, mesh->corners};
+    const pc_mesh all = pci_halfedge_view(mesh);
     pc_mesh cut = {0};
     pci_repair_counts counts;
     const bool done = pci_mesh_compact(mesh->scratch, &all, keep, &cut, NULL) &&

@@ -41,8 +41,7 @@ static pc_status simulate(decimation *d) {
     options.frame_steps = options.frames * options.frame_steps / poses;
     options.frames = poses;
     options.seed = d->seed;
-    const pc_mesh rest = {d->mesh->vertex_count, d->mesh->positions, d->mesh->triangle_count,
-                          d->mesh->corners};
+    const pc_mesh rest = pci_halfedge_view(d->mesh);
     pc_motion motion = {0};
     const pc_status status = pc_simulate(d->context, &rest, &options, &motion, NULL);
     if (status == PC_OK) {

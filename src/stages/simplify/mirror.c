@@ -256,8 +256,7 @@ static bool take_side(pci_scratch *scratch, const pci_halfedge *halves, const pc
     for (size_t h = 0; h < 3 * halves->triangle_count; ++h) {
         keep[h / 3] |= side * height(mirror, halves, halves->corners[h]) > 0.0;
     }
-    const pc_mesh view = {halves->vertex_count, halves->positions, halves->triangle_count,
-                          halves->corners};
+    const pc_mesh view = pci_halfedge_view(halves);
     pci_repair_counts repairs;
     return pci_mesh_repair(scratch, &view, keep, half, &repairs);
 }

@@ -178,7 +178,7 @@ static double mean(const double *values, size_t count) {
     return sum / (double)count;
 }
 
-static bool run(pci_scratch *scratch, double spacing, pc_mesh *mesh, double *normals) {
+static bool run(pci_scratch *scratch, double spacing, pc_mesh *mesh, double *normals, bool *some) {
     pci_topology topology;
     const size_t n = mesh->vertex_count;
     double *work = PCI_SCRATCH(scratch, double, 9 * n);
@@ -214,6 +214,7 @@ static bool run(pci_scratch *scratch, double spacing, pc_mesh *mesh, double *nor
             const double share = ramp(strengths[v], flat_cosine, lost_cosine) *
                                  ramp(rounds[v], round_share, waved_share);
             strengths[v] = pow(width_share * spacing * share, 4.0);
+            *some = *some || strengths[v] > 0.0;
         }
         if (!solve(&s, 3, flatten, fine, mesh->positions, work)) {
             return false;
@@ -223,9 +224,11 @@ static bool run(pci_scratch *scratch, double spacing, pc_mesh *mesh, double *nor
     return true;
 }
 
-bool pci_flatten_pleats(pci_scratch *scratch, double spacing, pc_mesh *mesh, double *normals) {
+bool pci_flatten_pleats(pci_scratch *scratch, double spacing, pc_mesh *mesh, double *normals,
+                        bool *some) {
     pci_scratch inner = pci_scratch_begin(scratch->context);
-    const bool done = run(&inner, spacing, mesh, normals);
+    *some = false;
+    const bool done = run(&inner, spacing, mesh, normals, some);
     pci_scratch_end(&inner);
     return done;
 }

@@ -13,7 +13,9 @@
 // elsewhere. The edges should be roughly even.
 // @param mesh     positions change
 // @param normals  #V by 3, unit; they follow
+// @param some     receives whether there were any
 // False: out of memory, or cancelled; pci_fail_memory tells.
-bool pci_flatten_pleats(pci_scratch *scratch, double spacing, pc_mesh *mesh, double *normals);
+bool pci_flatten_pleats(pci_scratch *scratch, double spacing, pc_mesh *mesh, double *normals,
+                        bool *some);
 
 #endif

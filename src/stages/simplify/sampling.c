@@ -101,7 +101,7 @@ static bool refine(refinement *r, size_t vertices, double length) {
 
 // Edge length of even clusters where the scale is 1.
 static double even_spacing(const pci_halfedge *mesh, const double *scales, size_t clusters) {
-    const pc_mesh view = {mesh->vertex_count, mesh->positions, mesh->triangle_count, mesh->corners};
+    const pc_mesh view = pci_halfedge_view(mesh);
     double area = 0.0;
     for (size_t t = 0; t < view.triangle_count; ++t) {
         const uint32_t *c = &view.triangles[3 * t];
@@ -142,8 +142,7 @@ static bool sample(pci_scratch *scratch, const pc_mesh *layer, size_t vertices,
                 (density == NULL || refine_to_map(&r, density, vertices)) &&
                 pci_keep_going(scratch->context);
     if (done) {
-        const pc_mesh unsorted = {refined.vertex_count, refined.positions, refined.triangle_count,
-                                  refined.corners};
+        const pc_mesh unsorted = pci_halfedge_view(&refined);
         done = pci_sort_mesh(&inner, &unsorted, &sorted, &order) &&
                pci_keep_going(scratch->context) && pci_halfedge_build(scratch, &sorted, &s->mesh);
     }
@@ -197,22 +196,6 @@ static bool add_seam(pci_scratch *scratch, pci_sampling *s) {
     return true;
 }
 
-// Flattens pleats, of a whole mesh: a seam amid them would stay where it is.
-static bool flatten(pci_scratch *scratch, double spacing, pci_sampling *s) {
-    const size_t size = 3 * s->mesh.vertex_count * sizeof(double);
-    double *before = PCI_SCRATCH(scratch, double, 3 * s->mesh.vertex_count);
-    if (before == NULL) {
-        return false;
-    }
-    memcpy(before, s->mesh.positions, size);
-    pc_mesh mesh = {s->mesh.vertex_count, s->mesh.positions, s->mesh.triangle_count,
-                    s->mesh.corners};
-    const bool done = pci_flatten_pleats(scratch, spacing, &mesh, s->normals);
-    s->pleated = memcmp(before, s->mesh.positions, size) != 0;
-    pci_scratch_release(scratch, before);
-    return done;
-}
-
 bool pci_sampling_begin(pci_scratch *scratch, const pc_mesh *layer, size_t vertices,
                         const pci_density *density, const pci_mirror *mirror, pci_sampling *s) {
     *s = (pci_sampling){.mirror = mirror, .vertices = vertices, .clusters = vertices};
@@ -228,9 +211,10 @@ bool pci_sampling_begin(pci_scratch *scratch, const pc_mesh *layer, size_t verti
     if (scratch->failed) {
         return false;
     }
-    const pc_mesh mesh = {nv, s->mesh.positions, s->mesh.triangle_count, s->mesh.corners};
+    pc_mesh mesh = pci_halfedge_view(&s->mesh);
     pci_vertex_normals(&mesh, s->normals);
-    if (!flatten(scratch, even_spacing(&s->mesh, NULL, vertices), s) ||
+    if (!pci_flatten_pleats(scratch, even_spacing(&s->mesh, NULL, vertices), &mesh, s->normals,
+                            &s->pleated) ||
         !pci_fans_build(scratch, &s->mesh, &s->fans)) {
         return false;
     }

@@ -19,7 +19,7 @@ typedef struct pci_sampling {
     double spacing;    // edge length of uniform clusters
     uint32_t *corners; // vertices at corners of the border, sharpest first
     size_t corner_count;
-    bool pleated;             // pleats were flattened, which no half should be
+    bool pleated;             // pleats were flattened, which no half should be: its seam would stay
     const pci_mirror *mirror; // the mesh is half of the garment; NULL: it is all of it
     size_t vertices;          // of the proxy for the area of the mesh
     size_t clusters;          // the same, and what the seam shares with the other half

@@ -355,10 +355,12 @@ static bool fill_notches(pci_scratch *scratch, size_t vertices, pc_mesh *layer) 
     return pci_fill_notches(scratch, pci_even_spacing(pc_mesh_area(layer), vertices), layer);
 }
 
-// Whether there is a density map.
+// Whether a density map is asked for, and whether there is one.
+static bool wants_map(const pc_simplify_options *options) {
+    return options->density_channel != PC_DENSITY_NONE && options->method == PC_SIMPLIFY_CLUSTERS;
+}
 static bool is_mapped(const pc_visual *visual, const pc_simplify_options *options) {
-    return options->density_channel != PC_DENSITY_NONE && options->method == PC_SIMPLIFY_CLUSTERS &&
-           visual != NULL && visual->colors != NULL;
+    return wants_map(options) && visual != NULL && visual->colors != NULL;
 }
 
 static pc_status begin_sampling(pci_scratch *scratch, const pc_visual *visual, const pc_mesh *layer,
@@ -366,8 +368,7 @@ static pc_status begin_sampling(pci_scratch *scratch, const pc_visual *visual, c
                                 pci_sampling *s, pc_simplify_report *report) {
     pci_density density = {0};
     const bool mapped = is_mapped(visual, options);
-    report->density_ignored = !mapped && options->density_channel != PC_DENSITY_NONE &&
-                              options->method == PC_SIMPLIFY_CLUSTERS;
+    report->density_ignored = wants_map(options) && !mapped;
     if (mapped) {
         const size_t channel = options->density_channel - PC_DENSITY_RED;
         const pc_status status = pci_density_begin(scratch->context, stage, visual, channel,
@@ -381,14 +382,6 @@ static pc_status begin_sampling(pci_scratch *scratch, const pc_visual *visual, c
         pci_sampling_begin(scratch, layer, vertices, mapped ? &density : NULL, mirror, s);
     pci_density_end(&density);
     return done ? PC_OK : pci_fail_memory(scratch->context, stage);
-}
-
-// Both halves of a proxy. False: out of memory.
-static bool unfold(pci_scratch *scratch, const pci_mirror *mirror, const pci_halfedge *coarse,
-                   pc_mesh *proxy) {
-    const pc_mesh half = {coarse->vertex_count, coarse->positions, coarse->triangle_count,
-                          coarse->corners};
-    return pci_unfold(scratch, mirror, &half, proxy);
 }
 
 // How many clusters a half needs depends on how many lie on the seam, which is known afterwards.
@@ -441,9 +434,12 @@ static bool make_proxy(pci_scratch *scratch, pci_sampling *s, const pc_simplify_
                        pci_contraction_result(&contraction, &contracted, &feet, &nearby) &&
                        pci_halfedge_build(scratch, &contracted, &coarse);
     pc_mesh_free(scratch->context, &contracted);
-    return built && relax_and_fit(scratch, s, &c.rings, &coarse, feet, nearby, flaws) &&
-           (s->mirror != NULL ? unfold(scratch, s->mirror, &coarse, proxy)
-                              : pci_halfedge_export(&coarse, proxy, NULL));
+    if (!built || !relax_and_fit(scratch, s, &c.rings, &coarse, feet, nearby, flaws)) {
+        return false;
+    }
+    const pc_mesh half = pci_halfedge_view(&coarse);
+    return s->mirror != NULL ? pci_unfold(scratch, s->mirror, &half, proxy)
+                             : pci_halfedge_export(&coarse, proxy, NULL);
 }
 
 typedef struct farthest_job {

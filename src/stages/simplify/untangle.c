@@ -118,8 +118,7 @@ static void apply(untangling *u) {
 
 bool pci_untangle(pci_scratch *scratch, pci_relaxation *relaxation, double spacing, size_t *left) {
     pci_halfedge *coarse = relaxation->coarse;
-    const pc_mesh mesh = {coarse->vertex_count, coarse->positions, coarse->triangle_count,
-                          coarse->corners};
+    const pc_mesh mesh = pci_halfedge_view(coarse);
     untangling u = {.relaxation = relaxation, .spacing = spacing};
     u.moves = PCI_SCRATCH(scratch, double, 3 * mesh.vertex_count);
     u.weights = PCI_SCRATCH(scratch, double, mesh.vertex_count);
